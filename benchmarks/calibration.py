@@ -28,7 +28,7 @@ from torch import Tensor
 
 from nablahog import estimate_pose, hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import reconstruct_samples, scale_descriptors
-from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import azimuth_error
 from poses import WITHIN, add_options, estimate, objects_of
 from preimages import photographs

@@ -30,7 +30,8 @@ import numpy as np
 
 from nablahog.jobs.cluster import run_on_cluster
 from nablahog.jobs.runner import run_jobs
-from nablahog.jobs.store import JobResult, Work
+from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import Work
 from timing import table
 
 Runner: TypeAlias = Callable[[Sequence[Work[JobResult]]], Iterator[Any]]
@@ -47,7 +48,7 @@ class Timed:
     asleep: bool
 
     def run(self) -> JobResult:
-        """As :class:`nablahog.jobs.store.Work`; the figures are when it began and ended."""
+        """As :class:`nablahog.jobs.worker.Work`; the figures are when it began and ended."""
         began, end = time.time(), time.thread_time() + self.seconds
         if self.asleep:
             time.sleep(self.seconds)

@@ -23,12 +23,11 @@ import numpy as np
 import torch
 
 from nablahog import PoseEstimate, estimate_pose
-from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, same_view
-from nablahog.paper.annotations import AnnotatedObject
+from nablahog.paper.annotations import AnnotatedObject, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import rendered
 from nablahog.paper.models import models_in, scene_chairs
-from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
 from timing import Summary, digits, summary, table
 
 WITHIN = 15.0  # degrees of azimuth

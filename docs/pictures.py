@@ -19,11 +19,10 @@ from nablahog import hog, metrics, presets, reconstruct
 from nablahog.cli.results.pose_page import HEIGHT, overlay, similarity_by_azimuth
 from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
-from nablahog.io.images import limit_size
-from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.io.images import SAMPLE_NAMES, limit_size, sample_photograph
+from nablahog.paper.annotations import sample_viewpoints
 from nablahog.paper.examples import rendered
 from nablahog.paper.models import scene_chairs
-from nablahog.paper.viewpoints import sample_viewpoints
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
 from nablahog.pose.photograph import PreparedPhotograph

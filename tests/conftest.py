@@ -11,9 +11,9 @@ import torch
 from hypothesis import settings
 
 from nablahog import native, presets
-from nablahog.paper.baselines.bovw_learning import learn_bovw
+from nablahog.paper.baselines.bovw import learn_bovw
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
-from nablahog.runtime.forward_mode import load_forward_mode
+from nablahog.runtime.pytorch import load_forward_mode
 
 # derandomized: a failure belongs to a change, never to the luck of the run
 settings.register_profile("nablahog", deadline=None, max_examples=20, derandomize=True)

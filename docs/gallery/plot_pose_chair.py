@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 import nablahog
-from nablahog.io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.paper.scenes import scene
 from nablahog.render import silhouette
 

@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from torch import Tensor
 
 import nablahog
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.paper.scenes import SceneSettings, scene
 from nablahog.render import PARAMETERS, Mesh, depth_and_normals, pose, silhouette
 

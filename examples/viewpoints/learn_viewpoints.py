@@ -22,7 +22,7 @@ from torch import Tensor
 
 from nablahog import Mesh
 from nablahog.invert.provenance import digest_of_images
-from nablahog.io.network_weights import flat, fold_statistics
+from nablahog.io.learned_model import flat, fold_statistics
 from nablahog.paper.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose.background import coarse_background
@@ -30,7 +30,7 @@ from nablahog.pose.crop import crop_object
 from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
 from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
-from nablahog.runtime.seeds import seeded
+from nablahog.runtime.pytorch import seeded
 
 CHAIRS = 1000
 FIRST_SEED = 10_000  # far from the seeds of the chairs that come with the package

@@ -14,7 +14,7 @@ from nablahog.cli import terminal
 from nablahog.cli.arguments.learn import KINDS
 from nablahog.cli.main import main
 from nablahog.cli.results import inversion
-from nablahog.jobs import resume
+from nablahog.jobs import runner
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 
@@ -65,7 +65,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
             started(index)
             yield index, attempt(job)
 
-    monkeypatch.setattr(resume, "run_jobs", run)
+    monkeypatch.setattr(runner, "run_jobs", run)
 
 
 @pytest.fixture

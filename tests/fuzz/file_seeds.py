@@ -17,7 +17,7 @@ from scipy.io import savemat
 
 from nablahog import presets
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.io.npz import write_arrays
+from nablahog.io.arrays import write_arrays
 from nablahog.paper.baselines.exemplar_views import ExemplarViews
 from tests.io.dpm_models import model
 from tests.io.tiny_models import models

@@ -24,10 +24,10 @@ from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import is_raw
 from nablahog.io.descriptor_file import load_descriptor
 from nablahog.io.images import read_image
+from nablahog.paper.annotations import read_viewpoints
 from nablahog.paper.baselines.exemplar_views import ExemplarViews
 from nablahog.paper.learned import LEARNED
 from nablahog.paper.pascal3d import read_record
-from nablahog.paper.viewpoints import read_viewpoints
 from nablahog.paper.voc import read_annotation, read_image_ids
 from nablahog.pose.whitening import Background
 from nablahog.render import load_mesh

@@ -295,7 +295,7 @@ COUNT = len(tiny_models.prior().weights)
     [
         ({"weights": np.full(COUNT, np.nan, np.float16)}, "the weights must lie within ±65504, got NaN, Inf or more"),
         ({"weights": np.zeros(COUNT - 1, np.float16)}, rf"shape \({COUNT},\), got float16 of \({COUNT - 1},\)"),
-        ({"weights": np.zeros(COUNT, np.float32)}, "must be float16, got float32"),
+        ({"weights": np.zeros(COUNT, np.float32)}, "must be float16 of shape .* got float32"),
         ({"spec": np.array(PAPER.to_json())}, "the weights must be"),
         ({"widths": np.array([8, 8, 0])}, "widths must be integers of 1 … 1024"),
         (

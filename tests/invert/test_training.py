@@ -23,7 +23,7 @@ from nablahog.invert.training import default_precision, learning_rates
 from nablahog.invert.training_windows import HELD_OUT
 from nablahog.invert.unsigned_network import UnsignedNetwork
 from nablahog.invert.unsigned_training import UnsignedTraining
-from nablahog.io.network_weights import fold_statistics, unfold_statistics
+from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
 from .photographs import photograph
 

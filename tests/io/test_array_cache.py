@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from nablahog.io import array_cache
 from nablahog.io.array_cache import VARIABLE, cached_array
 
 SHAPE = (3, 1000)
@@ -29,7 +28,6 @@ class Maker:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("NABLAHOG_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv(VARIABLE, "100")
-    monkeypatch.setattr(array_cache, "_written", {})
     return tmp_path / "kind"
 
 
@@ -72,7 +70,6 @@ def test_what_is_damaged_is_made_again(folder: Path, damage: str) -> None:
 
 def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "0.055")  # four arrays of 12 kB, of which 0.8 are kept
-    monkeypatch.setattr(array_cache, "_EVERY", 1)
     make = Maker()
     for number in range(4):
         cached_array("kind", str(number), SHAPE, make)

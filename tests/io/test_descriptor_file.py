@@ -1,4 +1,4 @@
-"""Descriptor files: what is saved comes back, and what is wrong is refused."""
+"""Descriptor files: what is saved comes back, and what is wrong is refused; every layout of an array is recognised."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.io.descriptor_file import StoredDescriptor, load_descriptor, save_descriptor
+from nablahog.cli.arguments.preset_parameters import PRESETS
+from nablahog.cli.inputs.spec import make_spec
+from nablahog.io.descriptor_file import Fit, StoredDescriptor, fit, load_descriptor, save_descriptor, stored
 
 SIZE = (40, 29)
 
@@ -41,12 +44,12 @@ def test_round_trip(tmp_path: Path, spec: HOGSpec, dtype: torch.dtype) -> None:
     descriptor = _descriptor(spec, dtype)
     save_descriptor(tmp_path / "d", descriptor.requires_grad_(), spec, SIZE)
     assert os.listdir(tmp_path) == ["d"]
-    stored = load_descriptor(tmp_path / "d")
-    assert stored.spec == spec
-    assert stored.image_size == SIZE
-    assert stored.descriptor.dtype == dtype
-    assert torch.equal(stored.descriptor, descriptor)
-    assert repr(stored) == f"<StoredDescriptor {'x'.join(map(str, descriptor.shape))}, image 40x29, {spec!r}>"
+    found = load_descriptor(tmp_path / "d")
+    assert found.spec == spec
+    assert found.image_size == SIZE
+    assert found.descriptor.dtype == dtype
+    assert torch.equal(found.descriptor, descriptor)
+    assert repr(found) == f"<StoredDescriptor {'x'.join(map(str, descriptor.shape))}, image 40x29, {spec!r}>"
 
 
 def _with(value: float) -> np.ndarray[Any, Any]:
@@ -140,3 +143,51 @@ def test_what_cannot_be_saved(tmp_path: Path) -> None:
     assert not os.listdir(tmp_path)
     with pytest.raises(TypeError):
         StoredDescriptor(descriptor.numpy(), spec, SIZE)  # type: ignore[arg-type]
+
+
+# --- arrays of other libraries
+
+IMAGE = (40, 64)
+VARIANTS: dict[str, HOGSpec] = {
+    **{name: make_spec(name, {}) for name in PRESETS},
+    "skimage-blocks": presets.skimage(cells_per_block=(2, 3), feature_vector=False),
+    "vlfeat-dalaltriggs": presets.vlfeat("dalaltriggs"),
+    "opencv-stride": presets.opencv((64, 48), (24, 16), (4, 8), (12, 8), 5),
+}
+
+
+def _native(spec: HOGSpec, size: tuple[int, int] = IMAGE) -> tuple[NDArray[Any], torch.Tensor]:
+    """What the library returns, and the descriptor, of one random image."""
+    image = torch.rand(1, 3, *size, generator=torch.Generator().manual_seed(0))
+    return nablahog.hog(image, spec, layout="native")[0].numpy(), nablahog.hog(image, spec)[0]
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_layout_comes_back(name: str) -> None:
+    spec = VARIANTS[name]
+    native, descriptor = _native(spec)
+    height, width = spec.image_size(*descriptor.shape[:2])
+    for array in (native, descriptor.numpy(), native.ravel(), np.asfortranarray(native)):
+        for batched in (array, array[None]):
+            for size in (IMAGE, None) if array.ndim > 1 else (IMAGE,):
+                how = fit(batched.shape, spec, size)
+                assert how is not None
+                assert how.image_size == (size or (height, width))
+                result = stored(batched, spec, how)
+                assert (result.spec, result.image_size) == (spec, how.image_size)
+                assert torch.equal(result.descriptor, descriptor)
+
+
+def test_layouts_that_libraries_have_besides() -> None:
+    for spec in (presets.skimage(), presets.skimage(feature_vector=False)):
+        _, descriptor = _native(spec)
+        for shape in ((3, 6, 3, 3, 9), (3, 6, 81), (1, 1458)):
+            how = fit(shape, spec, IMAGE)
+            assert how is not None
+            assert torch.equal(stored(descriptor.numpy().reshape(shape), spec, how).descriptor, descriptor)
+    spec = presets.maskfeat()
+    native, descriptor = _native(spec)
+    how = fit((27, 5, 8), spec, None)
+    assert how == Fit("planes", (27, 5, 8), IMAGE)
+    assert torch.equal(stored(native.reshape(27, 5, 8), spec, how).descriptor, descriptor)
+    assert fit((3780, 1), presets.opencv(), (128, 64)) == Fit("opencv-vector", (3780,), (128, 64))  # of older versions

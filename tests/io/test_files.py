@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nablahog.io.arrays import write_arrays
 from nablahog.io.files import ABANDONED, checkpoint_for, distinct_stems, output_folder, remove_parts, replacing
-from nablahog.io.npz import write_arrays
 
 
 def test_replacing(tmp_path: Path) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from nablahog.io.learned_model import check_tensor
+from nablahog.io.learned_model import account, check_tensor
 
 from .archives import arrays_of, damages
 from .tiny_models import models
@@ -63,3 +66,32 @@ def test_bounds_of_tensors() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             check_tensor("x", value, torch.float32, (2,), *bounds)
+
+
+@dataclass(frozen=True)
+class Account:
+    names: tuple[str, ...]
+    losses: tuple[float, ...]
+    count: int
+    rate: float
+    by: str
+
+
+ACCOUNT = Account(("a", "ü"), (0.1 + 0.2, 1.0), 3, 1e-300, "x\n")
+CODEC, WRITTEN = account(Account), json.dumps(asdict(ACCOUNT))
+
+
+def test_accounts() -> None:
+    result = CODEC.decode({"x": np.array(CODEC.encode(ACCOUNT))}, "x")
+    assert result == ACCOUNT
+    assert isinstance(result.losses[1], float)
+
+
+@pytest.mark.parametrize(
+    "stored",
+    ["", "null", WRITTEN.replace('"count": 3', '"count": "x"'), WRITTEN[:-1]],
+)
+def test_what_is_no_account(stored: str) -> None:
+    assert stored != WRITTEN
+    with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
+        CODEC.decode({"x": np.array(stored)}, "x")

@@ -11,8 +11,7 @@ from nablahog.hog import HOGSpec
 from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.io.learned_model import LearnedModel
-from nablahog.io.network_weights import count
+from nablahog.io.learned_model import LearnedModel, count
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.pose.whitening import Background

@@ -1,4 +1,4 @@
-"""Worker processes: results whatever dies, in one thread each, and none left."""
+"""Jobs in this process and in others: figures or one sentence, whatever dies, in one thread each, and none left."""
 
 from __future__ import annotations
 
@@ -14,13 +14,41 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nablahog import metrics
 from nablahog.jobs import runner
-from nablahog.jobs.runner import DIED, cores, run_jobs
+from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
-from nablahog.jobs.worker import attempt
+from nablahog.jobs.worker import DIED, attempt, cores
+from nablahog.paper.methods import Method
 
-from ..paper.common import job
-from ..paper.fakes import DARK, KILLED, KILLED_ONCE, MISTAKEN
+from ..paper.common import image, job
+from ..paper.fakes import DARK, HUNGRY, KILLED, KILLED_ONCE, MISTAKEN, SILENT
+
+
+def test_figures() -> None:
+    result = attempt(job(DARK))
+    assert isinstance(result, JobResult)
+    expected = (image() - 0.25).clamp(0, 1)
+    (figures,) = result.figures
+    assert figures["cc"] == figures["abs_cc"] == metrics.cross_correlation(expected, image())
+    assert figures["mi"] == metrics.mutual_information(expected, image())
+    assert figures["ssim"] == metrics.ssim(expected, image())
+    assert figures["psnr"] == metrics.psnr(expected, image())
+    assert figures["distance"] == -0.25
+    assert abs(result.pictures[0] / 255 - expected.numpy()).max() <= 0.5 / 255 + 1e-6
+    assert result.seconds > 0
+
+
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        (HUNGRY, "not enough memory"),
+        (SILENT, "TypeError at table1.py:"),
+        (MISTAKEN, "KeyError at fakes.py:"),
+    ],
+)
+def test_reasons(method: Method, reason: str) -> None:
+    assert str(attempt(job(method))).startswith(reason)
 
 
 def test_deaths_and_failures(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog.jobs.store import JobResult, load, save
-from nablahog.paper import reconstruction
+from nablahog.paper import table1
 from nablahog.paper.methods import METHODS
 
 from ..paper.common import job
@@ -70,5 +70,5 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(torch, "__version__", "0")
     assert base.key() not in keys
     monkeypatch.undo()
-    monkeypatch.setattr(reconstruction, "code_key", lambda *definitions: "other code")
+    monkeypatch.setattr(table1, "code_key", lambda *definitions: "other code")
     assert base.key() not in keys

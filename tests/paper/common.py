@@ -13,13 +13,12 @@ from nablahog import HOGSpec, LearnedPrior
 from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.io.network_weights import count
+from nablahog.io.learned_model import count
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings
 from nablahog.paper.photographs import Photographs
-from nablahog.paper.reconstruction import ReconstructionJob
-from nablahog.paper.table1 import Table1, run_table1
+from nablahog.paper.table1 import ReconstructionJob, Table1, run_table1
 
 
 def photographs(count: int = 3, size: int = 32) -> Photographs:

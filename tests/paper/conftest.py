@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 
-from nablahog.jobs import resume
+from nablahog.jobs import runner
 from nablahog.jobs.store import Job, JobResult
 
 from .common import here
@@ -23,5 +23,5 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         done.extend(job.name for job in jobs)
         yield from here(jobs, workers=workers, started=started)
 
-    monkeypatch.setattr(resume, "run_jobs", counted)
+    monkeypatch.setattr(runner, "run_jobs", counted)
     return done

@@ -11,10 +11,9 @@ import pytest
 from PIL import Image
 
 from nablahog.hog.box import Box
-from nablahog.paper.annotations import LONGEST, read_annotations
-from nablahog.paper.object_lists import ListedObject, read_objects
-from nablahog.paper.rows import read_csv
-from nablahog.paper.viewpoints import read_viewpoints, sample_viewpoints
+from nablahog.paper import lists
+from nablahog.paper.annotations import LONGEST, read_annotations, read_viewpoints, sample_viewpoints
+from nablahog.paper.lists import ListedObject, read_csv, read_objects
 
 
 def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -31,13 +30,14 @@ def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     [
         ('image, x\n"a,b.jpg", 1.5\n\nc.jpg,-2\n', "utf-8"),
         ('image,x\r\n"a,b.jpg",1.5\r\nc.jpg,-2\r\n', "utf-8-sig"),
+        ('image,x\r"a,b.jpg",1.5\rc.jpg,-2\r', "utf-8"),
         ("image;x;note\na,b.jpg;1,5;x\nc.jpg;-2;\n", "utf-8-sig"),  # as Excel writes it where the comma is decimal
     ],
 )
 def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
-    rows = read_csv(_csv(tmp_path, text, encoding), ("image", "x"))
-    assert [(row.text("image"), row.number("x", "pixels")) for row in rows] == [("a,b.jpg", 1.5), ("c.jpg", -2)]
-    assert rows[0].text("none") == ""
+    read = read_csv(_csv(tmp_path, text, encoding), ("image", "x"))
+    assert [(row.text("image"), row.number("x", "pixels")) for row in read] == [("a,b.jpg", 1.5), ("c.jpg", -2)]
+    assert read[0].text("none") == ""
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,16 @@ def test_rows_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
     assert str(caught.value).startswith(str(path))
     with pytest.raises(FileNotFoundError, match="no such file"):
         read_csv(tmp_path / "none.csv", ())
+
+
+def test_lists_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, text in (("a.csv", "image\na.jpg\n"), ("a.json", json.dumps(COCO))):
+        (tmp_path / name).write_text(text)
+        monkeypatch.setattr(lists, "MAX_BYTES", len(text))
+        assert read_objects(tmp_path / name)
+        monkeypatch.setattr(lists, "MAX_BYTES", len(text) - 1)
+        with pytest.raises(ValueError, match=rf"{name}: a list of more than {len(text) - 1} bytes is refused"):
+            read_objects(tmp_path / name)
 
 
 # --- lists of objects

@@ -166,8 +166,8 @@ def test_annotation(tmp_path: Path) -> None:
     path = tmp_path / "a.xml"
     path.write_text(ANNOTATION)
     assert read_annotation(path) == [
-        VOCObject("chair", (0, 19, 30, 375), True, False, True),
-        VOCObject("sofa", (44.70000076293945, 1, 50.5, 9), False, False, False),
+        VOCObject("chair", (0, 19, 30, 375), "difficult"),
+        VOCObject("sofa", (44.70000076293945, 1, 50.5, 9), None),
     ]
 
 

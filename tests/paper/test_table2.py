@@ -1,20 +1,26 @@
-"""From poses to tables: how they are counted, formats, failures, reuse."""
+"""From an object to a pose, and from poses to tables: what tells work apart, how poses are counted, formats."""
 
 from __future__ import annotations
 
 import csv
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from nablahog.jobs import store
+from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
+from nablahog.paper import table2
+from nablahog.paper.models import Model
 from nablahog.paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
-from nablahog.paper.table2 import Table2, run_table2, write_table2
+from nablahog.paper.table2 import PoseJob, Table2, error_of_azimuth, error_of_rotation, run_table2, write_table2
 from nablahog.paper.tables import Failure
 
-from .pose_fakes import FAR, NEAR, OTHER, examples
+from .fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
 AZIMUTHS = [0, 90, 40, 350]
 FILES = ["failures.csv", "per_object.csv", "summary.csv"]
@@ -43,7 +49,6 @@ def test_how_they_are_counted(tmp_path: Path, calls: list[str]) -> None:
     assert 8 < (paper.rotation.median or 0) < 10  # with 5° of elevation and 1° in the image plane
     assert {angle: of.mean for angle, of in paper.within.items()} == {30: 100, 10: 100}
     assert (exemplar.rotation.median, exemplar.within[30].n) == (None, 0)
-    assert table.errors("paper") == pytest.approx([8] * 4, abs=1e-4)
     accuracy = paper.accuracy["interval", 4]
     assert accuracy.low is not None
     assert accuracy.high is not None
@@ -64,19 +69,14 @@ def test_rotations_exactly_at_the_limits_are_right(
 def test_no_pose_is_wrong(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, FAR)
     assert table.failures == [Failure("0", "exemplar", "no element")]
-    assert table.errors("exemplar") == pytest.approx([180, 100, 100, 100], abs=1e-4)
-    assert table.rotation_errors("exemplar")[0] == 180
-    assert (table.rotation_errors("exemplar")[1:] > 90).all()
+    poses = table.figures["exemplar"]
+    each = [(poses.get(one.name), one) for one in table.examples.objects]
+    assert [error_of_azimuth(*one) for one in each] == pytest.approx([180, 100, 100, 100], abs=1e-4)
+    assert error_of_rotation(*each[0]) == 180
+    assert all(error_of_rotation(*one) > 90 for one in each)
     line = {line.method: line for line in table.lines()}["exemplar"]
     assert line.accuracy["threshold", 4].n == 4
     assert line.accuracy["threshold", 4].mean == 0
-
-
-def test_a_method_that_finds_nothing(tmp_path: Path, calls: list[str]) -> None:
-    table = run_table2(tmp_path, examples([0, 0]), [FAR], Table2Settings(), workers=1)
-    line = {line.method: line for line in table.lines()}["exemplar"]
-    assert line.accuracy["interval", 24].n == 2
-    assert (line.error.median, line.seconds) == (180, None)
 
 
 def test_files(tmp_path: Path, calls: list[str]) -> None:
@@ -118,27 +118,6 @@ def test_a_method_that_is_not_published(tmp_path: Path, calls: list[str]) -> Non
     assert (summary[0]["value"], summary[0]["paper"], summary[-1]["paper"]) == ("", "47.33", "")
 
 
-def test_done_once(tmp_path: Path, calls: list[str]) -> None:
-    first = _made(tmp_path, NEAR, FAR)
-    assert sorted(calls) == ["exemplar"] * 4 + ["paper"] * 4
-    calls.clear()
-    second = _made(tmp_path, NEAR, FAR)
-    assert calls == ["exemplar"]  # the failure
-    assert second.figures == first.figures
-    assert second.seconds == first.seconds
-    calls.clear()
-    assert _made(tmp_path, NEAR, seed=1).figures != first.figures
-    assert calls == ["paper"] * 4
-
-
-def test_images_that_cannot_be_read(tmp_path: Path, calls: list[str]) -> None:
-    of = examples([0])
-    of.failed["bad"] = "no image"
-    table = run_table2(tmp_path, of, [NEAR], Table2Settings(), workers=1)
-    assert table.failures == [Failure("bad", None, "no image")]
-    assert table.lines()[1].accuracy["interval", 4].n == 1
-
-
 def _harder(folder: Path, *methods: PoseMethod) -> Table2:
     conditions = {"sides-5": examples([40, 350], prefix="sides-5/"), "no-box": examples([90], prefix="no-box/")}
     return run_table2(folder, examples(AZIMUTHS), methods, Table2Settings(), conditions, workers=1)
@@ -174,3 +153,71 @@ def test_conditions_are_resumed(tmp_path: Path, calls: list[str]) -> None:
     again = _harder(tmp_path, NEAR)
     assert calls == []
     assert again.figures == first.figures
+
+
+# --- one method on one object
+
+
+def _job(method: PoseMethod = NEAR, azimuth: float = 90, seed: int = 0) -> PoseJob:
+    (each,) = examples([azimuth]).objects
+    return PoseJob(method, each.image.numpy(), each.box, each.candidates, each.initial, Table2Settings(seed))
+
+
+def test_a_pose(tmp_path: Path) -> None:
+    result = attempt(_job())
+    assert isinstance(result, JobResult)
+    (pose,) = result.figures
+    assert pose["azimuth"] == pytest.approx(98, abs=1e-4)
+    assert (pose["elevation"], pose["model"], pose["similarity"]) == (15, "chair-02", 0.5)
+    assert result.pictures.shape == (1, 16, 16)
+    assert (result.pictures[0, 8, 8] > 0, result.pictures[0, 0, 0]) == (True, 0)
+    assert result.seconds > 0
+    store.save(tmp_path / "a.npz", result)
+    output = store.load(tmp_path / "a.npz", _job())
+    assert output is not None
+    assert output.figures == result.figures
+    assert np.array_equal(output.pictures, result.pictures)
+
+
+def test_reasons() -> None:
+    assert attempt(_job(FAR, 0)) == "no element"
+    assert str(attempt(_job(ENDLESS))).startswith("the pose is not finite: {'azimuth': inf")
+
+
+def test_what_does_not_fit() -> None:
+    whole = attempt(_job())
+    assert isinstance(whole, JobResult)
+    assert _job().fits(whole)
+    assert not _job().fits(replace(whole, pictures=whole.pictures[:, 1:]))
+    assert not _job().fits(replace(whole, figures=[]))
+    assert not _job().fits(replace(whole, figures=[{"azimuth": 1.0}]))
+
+
+def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = [tmp_path / name for name in ("a.off", "b.off", "c.off")]
+    for path, text in zip(files, ("OFF 1", "OFF 1", "OFF 2"), strict=True):
+        path.write_text(text)
+    base = _job()
+    brighter = base.image.copy()
+    brighter[0, 3, 3] = np.nextafter(brighter[0, 3, 3], 2)
+    jobs = [
+        base,
+        _job(OTHER),
+        _job(seed=1),
+        replace(base, image=brighter),
+        replace(base, image=base.image.reshape(1, 8, 32)),
+        replace(base, box=(0, 0, 16, 15)),
+        replace(base, models=MODELS[:1]),
+        replace(base, models=MODELS[::-1]),
+        replace(base, models=(Model("chair-03"), MODELS[1])),
+        replace(base, initial=(0, 16)),
+        *(replace(base, models=(Model("one", path),)) for path in files),
+    ]
+    keys = {each.key() for each in jobs}
+    assert jobs[-1].key() != jobs[-2].key() == jobs[-3].key()  # files that hold the same
+    assert len(keys) == len(jobs) - 1
+    assert _job().key() == base.key()
+    files[0].write_text("OFF 33")
+    assert jobs[-3].key() not in keys
+    monkeypatch.setattr(table2, "code_key", lambda *definitions: "other code")
+    assert base.key() not in keys

@@ -12,7 +12,7 @@ from nablahog.paper.pose_methods import Table2Settings
 from nablahog.paper.table2 import Table2, run_table2
 from nablahog.viz.html import figure
 
-from .pose_fakes import FAR, NEAR, OTHER, examples
+from .fakes import FAR, NEAR, OTHER, examples
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 
 from ..chairs import chair

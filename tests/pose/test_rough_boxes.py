@@ -7,7 +7,7 @@ import torch
 
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import typical_camera
 from nablahog.pose.detection import find_boxes

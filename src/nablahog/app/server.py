@@ -17,7 +17,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 
-from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ..io.images import SAMPLE_NAMES, sample_photograph
 from ..paper.scenes import scene
 from ..render import sample_chairs
 from . import see, uploads

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.autograd import forward_ad
 
-from ..runtime.forward_mode import load_forward_mode
+from ..runtime.pytorch import load_forward_mode
 from . import kernels
 from . import triton as gpu
 from .autograd import in_graph

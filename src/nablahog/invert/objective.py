@@ -10,7 +10,7 @@ from torch import Tensor
 from ..hog.descriptor import histograms, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from ..runtime.memory import memory_for
+from ..runtime.pytorch import memory_for
 from .cosine import CosineBasis
 from .flat import FlatRegions
 from .priors import Prior

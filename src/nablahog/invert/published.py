@@ -20,7 +20,7 @@ from ..hog.descriptor import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..optimize import History, StopReason, dogleg
-from ..runtime.memory import memory_for
+from ..runtime.pytorch import memory_for
 from .cosine import from_cosines, to_cosines
 from .histograms import searchable
 from .options import AsPublished

@@ -14,7 +14,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
-from ..runtime.memory import memory_for
+from ..runtime.pytorch import memory_for
 from .choices import QualityName
 from .cosine import low_pass
 from .histograms import recover_histograms, searchable

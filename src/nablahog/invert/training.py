@@ -20,8 +20,8 @@ from ..hog.checks import check_choice
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.files import check_file, replacing
-from ..io.network_weights import flat, fold_statistics, unfold_statistics, with_weights
-from ..runtime.seeds import seeded
+from ..io.learned_model import flat, fold_statistics, unfold_statistics, with_weights
+from ..runtime.pytorch import seeded
 from .histograms import searchable
 from .learned import LearnedPrior, network_class
 from .prior_network import Architecture

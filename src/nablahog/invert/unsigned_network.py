@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
 
 from ..hog.spec import HOGSpec
-from ..runtime.seeds import seeded
+from ..runtime.pytorch import seeded
 from .histograms import cells_in_bins, recover_histograms, searchable
 from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, PriorNetwork, ResidualBlock, set_to_zero
 

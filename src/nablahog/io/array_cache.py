@@ -1,6 +1,6 @@
 """Arrays that take long to compute, kept in the user's folder for caches.
 
-Files hold numbers and a digest, and nothing that is run.  A damaged file counts as missing.
+Files hold a digest and numbers, and nothing that is run.  A damaged file counts as missing.
 """
 
 from __future__ import annotations
@@ -14,17 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.cache_folder import cache_folder
+from ..runtime.cache import cache_folder
 from .files import remove_parts, replacing
 
 VARIABLE = "NABLAHOG_CACHE_SIZE"
 LARGEST = 2000  # megabytes
+ENDING = ".array"
 _ROOM = 0.8  # of the largest size, which is left when the least recently used arrays have been removed
 _DIGEST = 32  # bytes before the numbers
-_EVERY = 64  # arrays written between two checks of the size of a folder
-ENDING = ".array"
-
-_written: dict[Path, int] = {}
 
 
 def cached_array(
@@ -32,28 +29,28 @@ def cached_array(
 ) -> NDArray[np.float32]:
     """An array (float32) that an earlier process has stored, or else is made and stored now.
 
-    The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by default
-    :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
-
-    Args:
-        kind: name of the folder in the user's caches.
-        key: a hash of everything that the array depends on, including the code.
-        shape: of the array.
-        make: makes it.
-
-    Returns:
-        The array, which can be written to; stored ones are mapped to memory, of which the system frees what it needs.
+    It lies in the folder ``kind`` of the user's caches; the key is a hash of everything that it depends on, including
+    the code.  The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by
+    default :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
+    The result can be written to; stored arrays are mapped to memory, of which the system frees what it needs.
     """
-    largest = _largest()
+    largest = 1e6 * LARGEST
+    with suppress(ValueError):
+        largest = 1e6 * float(os.environ.get(VARIABLE) or LARGEST)
     if largest <= 0:
         return make()
     try:
         path = cache_folder() / kind / f"{key}{ENDING}"
     except FileNotFoundError:  # no home
         return make()
-    stored = _stored(path, shape)
-    if stored is not None:
-        return stored
+    with suppress(OSError, ValueError):  # missing, or damaged
+        if path.stat().st_size == _DIGEST + 4 * int(np.prod(shape)):
+            stored = np.memmap(path, np.float32, "c", _DIGEST, shape)  # PyTorch takes no read-only memory
+            with open(path, "rb") as file:
+                digest = file.read(_DIGEST)
+            if digest == _digest(stored, key):
+                os.utime(path)  # it was used
+                return stored
     array = np.ascontiguousarray(make(), np.float32)
     assert array.shape == shape
     with suppress(OSError):  # a full disk, say
@@ -61,33 +58,8 @@ def cached_array(
         with replacing(path) as file:
             file.write(_digest(array, key))
             file.write(array.data)
-        _written[path.parent] = _written.get(path.parent, -1) + 1
-        if _written[path.parent] % _EVERY == 0:
-            _tidy(path.parent, largest)
+        _tidy(path.parent, largest)
     return array
-
-
-def _largest() -> float:
-    """Bytes."""
-    try:
-        return 1e6 * float(os.environ.get(VARIABLE) or LARGEST)
-    except ValueError:
-        return 1e6 * LARGEST
-
-
-def _stored(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32] | None:
-    """The array in a file; None if there is none, or it is damaged."""
-    with suppress(OSError, ValueError):
-        if path.stat().st_size != _DIGEST + 4 * int(np.prod(shape)):
-            return None
-        # copy on write, since PyTorch takes no read-only memory
-        array = np.memmap(path, np.float32, "c", _DIGEST, shape)
-        with open(path, "rb") as file:
-            digest = file.read(_DIGEST)
-        if digest == _digest(array, path.name.removesuffix(ENDING)):
-            os.utime(path)  # it was used
-            return array
-    return None
 
 
 def _digest(array: NDArray[np.float32], key: str) -> bytes:
@@ -101,10 +73,9 @@ def _tidy(folder: Path, largest: float) -> None:
     remove_parts(folder)
     states = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.glob(f"*{ENDING}"))
     size = sum(size for _, size, _ in states)
-    if size <= largest:
-        return
+    allowed = size if size <= largest else _ROOM * largest
     for _, each, path in states:
+        if size <= allowed:
+            return
         path.unlink(missing_ok=True)
         size -= each
-        if size <= _ROOM * largest:
-            return

@@ -1,9 +1,14 @@
-"""Arrays in the files of other programs: .npy, .npz and .mat.  Nothing in them is ever unpickled, nor run."""
+"""Arrays in files: our .npz archives, and the .npy, .npz and .mat files of other programs.
+
+Nothing in them is ever unpickled, so no code in them is ever run.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,28 +16,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.text import one_line
-from .descriptor_file import is_descriptor_file
-from .files import check_file, starts_as
-from .matfile import read_mat_arrays
-from .npz import check_size, names_in, numbers_in
+from .files import check_file, replacing, starts_as
+
+MAX_BYTES = 2**28  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
+VARIABLE = "NABLAHOG_MAX_BYTES"
+MAX_CHARACTERS = 2**22  # of a text; parsed JSON may take thirty times as many bytes
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> Arrays:
+    """The arrays ``names`` of the archive ``path``, a "descriptor file", say; others are not read.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects, or unpacks to more bytes than
+            :data:`MAX_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
+    """
+    with _opened(path, kind) as archive:
+        missing = [name for name in names if name not in archive]
+        arrays = {} if missing else {name: archive[name] for name in names}
+    if missing:
+        raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):  # a member that is no .npy file is read as bytes
+            raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is no array (.npy)")
+    return arrays
+
+
+def write_arrays(
+    path: str | os.PathLike[str], version: int, arrays: Mapping[str, object], *, compressed: bool = False
+) -> None:
+    """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all."""
+    with replacing(path) as file:
+        named = {name: np.asarray(array) for name, array in {"format": version, **arrays}.items()}
+        (np.savez_compressed if compressed else np.savez)(file, **named)  # type: ignore[arg-type]
+
+
+def text(arrays: Arrays, name: str) -> str:
+    """The string that an array holds; ValueError if it holds none, or more than :data:`MAX_CHARACTERS`."""
+    array = arrays[name]
+    if array.shape != () or array.dtype.kind != "U":
+        raise ValueError(f"{name} must be one string, got {array.dtype} of shape {array.shape}")
+    if array.itemsize > 4 * MAX_CHARACTERS:
+        raise ValueError(f"{name} must be a string of at most {MAX_CHARACTERS:,} characters")
+    return str(array.item())
+
+
+def check_format(arrays: Arrays, kind: str, expected: int) -> None:
+    """Raises ValueError unless the array ``format`` is the version ``expected``."""
+    version = arrays["format"]
+    if version.shape != () or version.item() != expected:
+        raise ValueError(f"this version reads {kind}s of format {expected}, got {one_line(version)}")
+
+
+@contextmanager
+def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turns errors in the block into a ValueError that begins with the name of the file."""
+    try:
+        yield
+    except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{os.fspath(path)}: {one_line(error)}") from None
+
+
+def is_archive(path: str | os.PathLike[str]) -> bool:
+    """Whether ``path`` claims to be an archive: it is named .npz, or starts as a zip archive does."""
+    return starts_as(path, ".npz", b"PK\x03\x04")
 
 
 def is_raw(path: str | os.PathLike[str]) -> bool:
     """Whether ``path`` is, by its name or its first bytes, a .npy or .mat file, or an .npz file that is not ours."""
     if _is_npy(path) or _is_mat(path):
         return True
+    if not is_archive(path):
+        return False
     try:
-        return is_descriptor_file(path) and "spec" not in names_in(path, "descriptor file")
+        with _opened(path, "descriptor file") as archive:
+            return "spec" not in archive
     except (OSError, ValueError):  # damaged; reading it as a descriptor file will say so
         return False
 
 
 def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floating]:
-    """The array of a .npy, .npz or .mat file.
-
-    Args:
-        path: the file.
-        key: which of several arrays; None for the only one of more than one number.
+    """The array of a .npy, .npz or .mat file: of several, that named ``key``, or the only one of more than one number.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -49,28 +115,78 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
         if key is not None:
             raise ValueError(f"{path}: --key goes with .npz and .mat files, a .npy file holds one array")
         return _npy(path)
-    arrays = read_mat_arrays(path) if _is_mat(path) else numbers_in(path, "archive of arrays")
+    if _is_mat(path):
+        from .matfile import read_mat_arrays  # which models and descriptor files do not need
+
+        arrays = read_mat_arrays(path)
+    else:
+        arrays = numbers_in(path)
     if key is not None and key in arrays:
         return arrays[key]
+    listed = "the file holds no array of numbers"
+    if arrays:
+        listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
     if key is not None:
-        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers, {_listed(arrays)}")
-    several = {name: array for name, array in arrays.items() if array.size > 1}
+        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers, {listed}")
+    several = [array for array in arrays.values() if array.size > 1]
     if len(several) != 1:
-        raise ValueError(f"{path}: expected one array or --key NAME, {_listed(arrays)}")
-    (array,) = several.values()
-    return array
+        raise ValueError(f"{path}: expected one array or --key NAME, {listed}")
+    return several[0]
 
 
-def _listed(arrays: Mapping[str, NDArray[Any]]) -> str:
-    if not arrays:
-        return "the file holds no array of numbers"
-    return one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
+def numbers_in(path: str | os.PathLike[str]) -> Arrays:
+    """All arrays of numbers of an archive; texts, pickled objects and what is no array are passed over."""
+
+    def unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> Any:
+        try:
+            return archive[name]
+        except ValueError as error:
+            if "allow_pickle" in str(error):
+                return None
+            raise
+
+    with _opened(path, "archive of arrays") as archive:
+        arrays = {name: unless_pickled(archive, name) for name in archive}
+    return {
+        name: array for name, array in arrays.items() if isinstance(array, np.ndarray) and array.dtype.kind in "biufc"
+    }
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.NpzFile]:
+    path = Path(path)
+    check_file(path, f"a {kind} (.npz)")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+    except Exception as error:  # zipfile has no common base for what damage makes it raise
+        raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {one_line(error)}") from None
+    _check_size(path, size)
+    try:
+        # opened here, because numpy leaves damaged files open
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+            yield arrays
+    except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
+        if "allow_pickle" in str(error):
+            raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
+        raise ValueError(f"{path}: the archive is damaged: {one_line(error)}") from None
+
+
+def _check_size(path: Path, size: int) -> None:
+    given = os.environ.get(VARIABLE) or str(MAX_BYTES)
+    if not given.isdecimal() or int(given) < 1:
+        raise ValueError(f"{VARIABLE} must be a number of bytes, got {one_line(given)!r}")
+    if size > int(given):
+        raise ValueError(
+            f"{path}: the file unpacks to {size:,} bytes, more than the {int(given):,} allowed; the environment "
+            f"variable {VARIABLE} allows more"
+        )
 
 
 def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     path = Path(path)
     check_file(path, "an array (.npy)")
-    check_size(path, path.stat().st_size)
+    _check_size(path, path.stat().st_size)
     try:
         # mapped, since a damaged header may claim any size
         array = np.lib.format.open_memmap(path, mode="r")

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +46,7 @@ CACHED = 4  # shards that are kept in memory
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """An image of a data set.
-
-    Attributes:
-        path: of the image, as it was named.
-        stored: its descriptor; None if it has none.
-        error: why not.
-    """
+    """An image of a data set: its path, as it was named, and its descriptor, or an error that says why it has none."""
 
     path: str
     stored: StoredDescriptor | None
@@ -76,14 +70,13 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+    cells = []
     for row in rows:
         shape = (None,) * 4 if row.stored is None else (*row.stored.image_size, *row.stored.descriptor.shape[:2])
         values = None if row.stored is None else row.stored.descriptor.float().reshape(-1).numpy()
-        for name, value in zip(SCHEMA.names, (row.path, *shape, values, row.error), strict=True):
-            columns[name].append(value)
+        cells.append((row.path, *shape, values, row.error))
     about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
-    table = pa.table(columns, schema=SCHEMA.with_metadata(about))
+    table = pa.table([list(column) for column in zip(*cells, strict=True)], schema=SCHEMA.with_metadata(about))
     file = io.BytesIO()
     # smaller and faster than a dictionary, as floats rarely repeat
     split = {"descriptor.list.element": "BYTE_STREAM_SPLIT"}
@@ -125,6 +118,7 @@ class DescriptorDataset(Sequence[Row]):
         if not self._files:
             raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet)")
         self._system = system
+        self._table = lru_cache(CACHED)(lambda shard: self._read(self._files[shard]))
         abouts = [self._about(file) for file in self._files]
         self._ends = np.cumsum([count for count, _ in abouts])
         specs = {text for _, text in abouts}
@@ -153,12 +147,6 @@ class DescriptorDataset(Sequence[Row]):
         first = int(self._ends[shard - 1]) if shard else 0
         return self._row(self._table(shard), index - first)
 
-    def __iter__(self) -> Iterator[Row]:
-        for shard in range(len(self._files)):
-            table = self._table(shard)
-            for number in range(table.num_rows):
-                yield self._row(table, number)
-
     def remove(self) -> None:
         """Removes its shards, and the folder if nothing else is in it."""
         for file in self._files:
@@ -172,14 +160,6 @@ class DescriptorDataset(Sequence[Row]):
             table = self._read(file, ["path", "error"])
             bad = table.filter(table["error"].is_valid())
             yield from zip(bad["path"].to_pylist(), bad["error"].to_pylist(), strict=True)
-
-    @cached_property
-    def _table(self) -> Any:
-        @lru_cache(CACHED)
-        def table(shard: int) -> pa.Table:
-            return self._read(self._files[shard])
-
-        return table
 
     def _read(self, file: str, columns: list[str] | None = None) -> pa.Table:
         # in this thread alone: Arrow's threads read ahead into buffers of Python, and abort the process if the

@@ -1,10 +1,14 @@
-"""Descriptors on disk: one .npz archive with the descriptor, its spec and the size of its image."""
+"""Descriptors on disk: one .npz archive with the descriptor, its spec and the size of its image.
+
+Arrays of other libraries become such descriptors by their layout and the size of their image.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -14,12 +18,21 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.inputs import descriptor_tensor
+from ..hog.layout import from_layout, native_shape
 from ..hog.presets import as_spec
-from .files import starts_as
-from .npz import check_format, naming, read_arrays, text, write_arrays
+from ..hog.spec import Layout
+from .arrays import check_format, naming, read_arrays, text, write_arrays
 
 FORMAT = 1
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
+# further layouts of a library, by an argument or one more step
+_ALSO: dict[Layout, tuple[Layout, ...]] = {
+    "block-vector": ("blocks",),
+    "blocks": ("block-vector",),
+    "colour-planes": ("planes",),
+}
+# layouts with rows and columns: the number of axes, and the axis of the rows; the columns are the next axis
+_GRIDS: dict[Layout, tuple[int, int]] = {"cells": (3, 0), "planes": (3, 1), "colour-planes": (4, 2), "blocks": (5, 0)}
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,13 +91,12 @@ def save_descriptor(
 ) -> None:
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
-    The descriptor is a tensor or an array, the spec its dialect, or the name of a preset with its defaults.  The file
-    is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and ``format`` (1),
-    for any ending of its name.  It is replaced whole or not at all.
+    The file is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and
+    ``format`` (1).  It is replaced whole or not at all.
 
     Args:
         path: of the file, with any ending.
-        descriptor: (rows, cols, channels), float32 or float64, finite; of a tensor its values.
+        descriptor: (rows, cols, channels), a tensor or an array, float32 or float64, finite; of a tensor its values.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) in pixels.
 
@@ -129,11 +141,6 @@ def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
         return _checked(arrays)
 
 
-def is_descriptor_file(path: str | os.PathLike[str]) -> bool:
-    """Whether ``path`` claims to be a descriptor file: it is named .npz, or starts as a zip archive does."""
-    return starts_as(path, ".npz", b"PK\x03\x04")
-
-
 def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
     check_format(arrays, "descriptor file", FORMAT)
     spec, size, descriptor = HOGSpec.from_json(text(arrays, "spec")), arrays["image_size"], arrays["descriptor"]
@@ -144,3 +151,83 @@ def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
         raise ValueError(f"the descriptor must be float32 or float64, got {native.dtype}")
     height, width = size.tolist()
     return StoredDescriptor(torch.from_numpy(native), spec, (height, width))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The layout in which an array is a descriptor, its shape without an axis of a batch, and its image's size."""
+
+    layout: Layout
+    shape: tuple[int, ...]
+    image_size: tuple[int, int]
+
+
+def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> Fit | None:
+    """The layout in which an array of this shape is a descriptor of ``spec``; None if there is none.
+
+    Tries the layout of the library, the same in one row, and (rows, cols, channels), each also with an axis of a batch
+    of one in front; the first that fits counts.  Without an image size the image has whole cells, if the array has rows
+    and columns.
+    """
+    for layout in layouts(spec):
+        laid_out = replace(spec, layout=layout)
+        for each in _without_batch(shape):
+            try:
+                size = image_size or _image_size(each, laid_out)
+                expected = () if size is None else native_shape(laid_out, size)
+            except ValueError:  # the image would hold no cell
+                continue
+            in_one_row = layout == spec.layout and each == (math.prod(expected),)
+            if size is not None and (each == expected or in_one_row):
+                return Fit(layout, each, size)
+    return None
+
+
+def layouts(spec: HOGSpec) -> tuple[Layout, ...]:
+    """The layouts of arrays that can be descriptors of ``spec``, the library's own first."""
+    return tuple(dict.fromkeys((spec.layout, *_ALSO.get(spec.layout, ()), "cells")))
+
+
+def shapes(spec: HOGSpec, image_size: tuple[int, int] | None) -> str:
+    """Describes the shapes of such arrays, for messages; ValueError if the image is too small for ``spec``."""
+    descriptions = []
+    for layout in layouts(spec):
+        laid_out = replace(spec, layout=layout)
+        if image_size is not None:
+            descriptions.append(str(native_shape(laid_out, image_size)))
+        elif layout in _GRIDS:
+            first = _GRIDS[layout][1]
+            names = list(map(str, native_shape(laid_out, spec.image_size(1, 1))))
+            names[first : first + 2] = "rows", "cols"
+            descriptions.append(f"({', '.join(names)})")
+    return " or ".join(dict.fromkeys(descriptions))
+
+
+def is_row(shape: tuple[int, ...]) -> bool:
+    """Whether all entries of such an array are in one row, or column."""
+    return max(shape, default=0) == math.prod(shape)
+
+
+def stored(array: NDArray[np.floating], spec: HOGSpec, how: Fit) -> StoredDescriptor:
+    """The descriptor that an array is; float16 becomes float32.
+
+    Raises:
+        ValueError: it holds NaN or Inf, or the image would be too large.
+    """
+    kind = np.float64 if array.dtype.itemsize == 8 else np.float32
+    native = torch.from_numpy(np.ascontiguousarray(array, dtype=kind)).reshape(1, *how.shape)
+    descriptor = from_layout(native, replace(spec, layout=how.layout), how.image_size)[0].contiguous()
+    return StoredDescriptor(descriptor, spec, how.image_size)
+
+
+def _without_batch(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    yield shape
+    if len(shape) > 1 and shape[0] == 1:
+        yield shape[1:]
+    if len(shape) == 2 and shape[1] == 1:  # a column, as MATLAB and older versions of OpenCV have it
+        yield shape[:1]
+
+
+def _image_size(shape: tuple[int, ...], spec: HOGSpec) -> tuple[int, int] | None:
+    axes, first = _GRIDS.get(spec.layout, (-1, 0))
+    return spec.image_size(shape[first], shape[first + 1]) if len(shape) == axes else None

@@ -23,12 +23,7 @@ _ROOT, _PARTS = 0, 1  # octaves between their cells and the root's
 
 @dataclass(frozen=True)
 class Filter:
-    """A linear template of a model.
-
-    Attributes:
-        name: which one, such as ``"component 1, root"``.
-        weights: (rows, cols, 32), float32.
-    """
+    """A linear template of a model: a name such as ``"component 1, root"``, and weights (rows, cols, 32), float32."""
 
     name: str
     weights: Tensor
@@ -74,11 +69,7 @@ def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
 
 
 def _integers(numbers: Any) -> list[int]:
-    """Numbers as MATLAB has them, which may be floating-point.
-
-    Raises:
-        ValueError: one is NaN, has a fraction, or is larger than any of a model.
-    """
+    """Numbers as MATLAB has them, perhaps floating-point; ValueError for a fraction, or what is larger than any."""
     array = np.asarray(numbers, np.float64).reshape(-1)
     if not (np.abs(array) <= MOST).all() or (array != np.floor(array)).any():
         raise ValueError(f"it holds numbers that are no integers within ±{MOST:,}")

@@ -49,12 +49,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Raises FileNotFoundError if ``path`` does not exist, and ValueError if it is no regular file.
-
-    Args:
-        path: of a file to read.
-        expected: its kind, for the message, such as "an image file".
-    """
+    """Raises FileNotFoundError or ValueError unless it is a regular file, ``expected`` to be "an image file", say."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if not path.is_file():
@@ -76,12 +71,7 @@ def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
 
 
 def check_folder(folder: Path, expected: str) -> None:
-    """Raises FileNotFoundError if ``folder`` does not exist, and NotADirectoryError if it is none.
-
-    Args:
-        folder: to read files from.
-        expected: what it holds, for the message, such as "images".
-    """
+    """Raises FileNotFoundError or NotADirectoryError unless there is a folder, ``expected`` to hold "images", say."""
     if not folder.exists():
         raise FileNotFoundError(f"{folder}: no such folder")
     if not folder.is_dir():
@@ -89,11 +79,7 @@ def check_folder(folder: Path, expected: str) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes a text file in UTF-8, whole or not at all; characters that UTF-8 lacks are written as escapes.
-
-    Raises:
-        OSError: as :func:`replacing`.
-    """
+    """Writes a text file in UTF-8, whole or not at all; characters that UTF-8 lacks are written as escapes."""
     with replacing(path) as file:
         file.write(text.encode(errors="backslashreplace"))
 

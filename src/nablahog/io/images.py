@@ -1,8 +1,9 @@
-"""Pictures: files to tensors and back."""
+"""Pictures: files to tensors and back, sample photographs, and the focal length that a file names (EXIF)."""
 
 from __future__ import annotations
 
 import io
+import math
 import os
 import warnings
 from contextlib import suppress
@@ -13,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
@@ -25,7 +26,14 @@ Picture: TypeAlias = Tensor | NDArray[np.floating]
 MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
 STRIP = 256  # rows that are converted at once
 
+SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
+"""Names of the photographs in the wheel of scikit-image."""
+
 _GRAY_MODES = ("1", "L", "LA", "La")
+_FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
+_MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
+_CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
+_SHORTEST, _LONGEST = 0.1, 100.0  # focal lengths of real lenses, in diagonals of the photograph
 
 
 def as_array(picture: Picture) -> NDArray[np.float64]:
@@ -139,18 +147,7 @@ def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
-    """``image`` shrunk, antialiased, so that its longer side has at most ``size`` pixels; never enlarged.
-
-    Args:
-        image: (C, H, W), floating point in 0…1.
-        size: pixels, at least 1.
-
-    Returns:
-        (C, h, w) of nearly the same proportions, in 0…1, each side at least 1.
-
-    Raises:
-        ValueError: ``size`` is below 1.
-    """
+    """An image (C, H, W) in 0…1 with at most ``size`` pixels, at least 1, on its longer side: shrunk, antialiased."""
     if size < 1:
         raise ValueError(f"size must be at least 1 pixel, got {size}")
     height, width = image.shape[-2:]
@@ -179,12 +176,70 @@ def to_pil(picture: Picture) -> Image.Image:
 
 
 def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) -> None:
-    """Writes ``picture``, as :func:`to_pil` takes it or made by it, as a PNG; ``path`` is replaced whole or not at all.
-
-    Raises:
-        ValueError: as :func:`to_pil`.
-        OSError: the file cannot be written.
-    """
+    """Writes ``picture``, as :func:`to_pil` takes or makes it, as a PNG; ``path`` is replaced whole or not at all."""
     image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
         image.save(file, format="PNG")
+
+
+def sample_photograph(name: str) -> Tensor:
+    """One of :data:`SAMPLE_NAMES`, (C, H, W) with C 1 or 3, float32 in 0…1."""
+    from skimage import data  # slow to import
+
+    photograph = torch.from_numpy(getattr(data, name)())
+    return (photograph.permute(2, 0, 1) if photograph.dim() == 3 else photograph[None]) / 255
+
+
+def exif_focal(image: Image.Image) -> float | None:
+    """As :func:`read_exif_focal`, for an image opened by Pillow, in either orientation."""
+    with warnings.catch_warnings(), suppress(Exception):  # damaged EXIF data raises nearly anything
+        warnings.simplefilter("ignore")
+        tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
+        diagonal, shrunk = math.hypot(*image.size), 1.0
+        stored = [_number(tags.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)]
+        if all(stored):
+            (short, long), (stored_short, stored_long) = sorted(image.size), sorted(stored)
+            if abs(short * stored_long / (long * stored_short) - 1) > _CUT:
+                return None
+            shrunk = long / stored_long
+        focal = _number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm)) / _FILM * diagonal
+        if not focal:
+            unit = _MILLIMETRES[int(tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2))]
+            resolution = _number(tags.get(ExifTags.Base.FocalPlaneXResolution)) / unit
+            focal = _number(tags.get(ExifTags.Base.FocalLength)) * resolution * shrunk
+        return focal if _SHORTEST * diagonal <= focal <= _LONGEST * diagonal else None
+    return None
+
+
+def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
+    """The focal length in pixels that the file of a photograph says its camera had; None if it says nothing of use.
+
+    That is FocalLengthIn35mmFilm, or else FocalLength at FocalPlaneXResolution.  A photograph may have been made
+    smaller; if its proportions are not the camera's, it was cropped, and nothing is known of it.
+
+    Args:
+        path: of any format that Pillow reads.
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from PIL import ExifTags, Image
+    >>> from nablahog.io.images import read_exif_focal
+    >>> exif = Image.Exif()
+    >>> exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 26}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     Image.new("RGB", (400, 300)).save(Path(folder, "phone.jpg"), exif=exif)
+    ...     round(read_exif_focal(Path(folder, "phone.jpg")), 1)  # 26 / 43.27 of the diagonal, 500 pixels
+    300.5
+    """
+    register_heif()
+    with warnings.catch_warnings(), suppress(Exception):
+        warnings.simplefilter("ignore")
+        with Image.open(path) as image:
+            return exif_focal(image)
+    return None
+
+
+def _number(value: object) -> float:
+    """A number above 0; 0 for anything else."""
+    number = float(value) if value is not None else 0.0  # type: ignore[arg-type]
+    return number if 0 < number < math.inf else 0.0

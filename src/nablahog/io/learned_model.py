@@ -1,23 +1,29 @@
-"""Models that are learned from photographs, and their files: one .npz archive each."""
+"""Models that are learned from photographs, and their files: one .npz archive each.
+
+The weights of a network are one row of numbers in it.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, asdict, fields
+from typing import Any, ClassVar, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-import numpy as np
 import torch
-from numpy.typing import DTypeLike, NDArray
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn.utils import vector_to_parameters
 
 from ..hog.spec import HOGSpec
-from .npz import account_of, account_to_text, check_format, naming, read_arrays, text, write_arrays
+from ..runtime.text import one_line
+from .arrays import Arrays, check_format, naming, read_arrays, text, write_arrays
 
-Arrays = dict[str, NDArray[Any]]
 Model = TypeVar("Model", bound="LearnedModel")
+Network = TypeVar("Network", bound=nn.Module)
+LARGEST = float(torch.finfo(torch.float16).max)
 
 
 class Codec(NamedTuple):
@@ -36,8 +42,7 @@ class LearnedModel(ABC):
     """A model with a file.  A subclass is a dataclass, without a ``repr``, whose checks are in ``__post_init__``.
 
     Attributes:
-        KIND: what a file of it is, for messages.
-        NOUN: one word for the model, for messages.
+        KIND, NOUN: what a file of it is, and one word for the model, for messages.
         ARRAYS: how each array of its file is stored.
         FORMAT: version of the file.
         COMPRESSED: whether the file is compressed.
@@ -93,18 +98,6 @@ class LearnedModel(ABC):
         return cls(**values)
 
 
-def tensor(dtype: DTypeLike) -> Codec:
-    """Stores a tensor of one dtype."""
-
-    def decode(arrays: Arrays, name: str) -> Tensor:
-        array = arrays[name]
-        if array.dtype != dtype:
-            raise ValueError(f"the {name} must be {np.dtype(dtype)}, got {array.dtype}")
-        return torch.from_numpy(array)
-
-    return Codec(lambda value: value.cpu().numpy(), decode)
-
-
 def integers(count: int | None = None) -> Codec:
     """Stores a tuple of ``count`` integers, or of any number of them."""
 
@@ -119,8 +112,22 @@ def integers(count: int | None = None) -> Codec:
 
 
 def account(kind: type[Any]) -> Codec:
-    """Stores a dataclass of texts, numbers and tuples of these."""
-    return Codec(account_to_text, lambda arrays, name: account_of(kind, text(arrays, name)))
+    """Stores a dataclass of texts, numbers and tuples of these; fields with defaults may be missing in older files."""
+
+    def decode(arrays: Arrays, name: str) -> Any:
+        try:
+            stored = json.loads(text(arrays, name))
+            left_out = {field.name for field in fields(kind) if field.default is not MISSING} - stored.keys()
+            hints = get_type_hints(kind).items()
+            return kind(**{name: _as(hint, stored[name]) for name, hint in hints if name not in left_out})
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ValueError(f"its account of the learning cannot be read: {one_line(error)}") from None
+
+    return Codec(lambda value: json.dumps(asdict(value)), decode)
+
+
+def _as(hint: Any, value: Any) -> Any:
+    return tuple(map(get_args(hint)[0], value)) if get_origin(hint) is tuple else hint(value)
 
 
 def _scalar(what: str, kinds: str) -> Codec:
@@ -133,6 +140,7 @@ def _scalar(what: str, kinds: str) -> Codec:
     return Codec(lambda value: value, decode)
 
 
+TENSOR = Codec(lambda value: value.cpu().numpy(), lambda arrays, name: torch.from_numpy(arrays[name]))
 INTEGER = _scalar("integer", "iu")
 NUMBER = _scalar("float64", "f")
 TEXTS = Codec(json.dumps, lambda arrays, name: tuple(map(str, json.loads(text(arrays, name)))))
@@ -151,3 +159,78 @@ def check_tensor(
         if least != -most:
             bounds = f"in {least:.5g}…{most:.5g}, got NaN, Inf or other values"
         raise ValueError(f"the {name} must lie {bounds}")
+
+
+def flat(tensors: Iterable[Tensor]) -> Tensor:
+    """All entries of the tensors in order, (n,), on the CPU."""
+    return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
+
+
+def count(make: Callable[[], nn.Module]) -> int:
+    """The number of weights of the network that ``make`` makes, without allocating them."""
+    with torch.device("meta"):
+        return sum(weight.numel() for weight in make().parameters())
+
+
+def check_weights(weights: Tensor, make: Callable[[], nn.Module]) -> None:
+    """Raises ValueError unless these are all weights of such a network, (n,), float16, finite."""
+    check_tensor("weights", weights, torch.float16, (count(make),), -LARGEST, LARGEST)
+
+
+def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
+    """The network that ``make`` makes, with weights (n,), in float32 on the CPU, for evaluation."""
+    with torch.device("meta"):
+        network = make()
+    network.to_empty(device="cpu")
+    vector_to_parameters(weights.float().cpu(), network.parameters())
+    for layer in _normalised(network):
+        layer.reset_running_stats()
+    return network.eval()
+
+
+@torch.no_grad()
+def fold_statistics(network: nn.Module) -> None:
+    """Folds the running means and variances of batch normalisation into its weights.
+
+    The network's answers stay the same, until it is trained further.
+    """
+    for layer in _normalised(network):
+        mean, variance = layer.running_mean, layer.running_var
+        assert mean is not None
+        assert variance is not None
+        layer.weight.mul_(torch.sqrt((1 + layer.eps) / (variance + layer.eps)))
+        layer.bias.sub_(mean * layer.weight / math.sqrt(1 + layer.eps))
+        layer.reset_running_stats()
+
+
+@torch.no_grad()
+def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
+    """Undoes :func:`fold_statistics`, so that the network can be trained further.
+
+    It normalises by the means and variances of its inputs during ``run``.  Its answers stay the same, until it is
+    trained.
+    """
+    moments: dict[nn.BatchNorm2d, list[tuple[Tensor, Tensor]]] = {layer: [] for layer in _normalised(network)}
+
+    def watch(layer: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        assert isinstance(layer, nn.BatchNorm2d)
+        moments[layer].append((inputs[0].mean(dim=(0, 2, 3)), inputs[0].square().mean(dim=(0, 2, 3))))
+
+    watched = [layer.register_forward_pre_hook(watch) for layer in moments]
+    network.eval()
+    run()
+    for hook in watched:
+        hook.remove()
+    for layer, seen in moments.items():
+        mean, square = (torch.stack(each).mean(dim=0) for each in zip(*seen, strict=True))
+        assert layer.running_mean is not None
+        assert layer.running_var is not None
+        layer.running_mean.copy_(mean)
+        layer.running_var.copy_(square - mean.square())
+        layer.bias.add_(mean * layer.weight / math.sqrt(1 + layer.eps))
+        layer.weight.mul_(torch.sqrt((layer.running_var + layer.eps) / (1 + layer.eps)))
+    network.train()
+
+
+def _normalised(network: nn.Module) -> Iterator[nn.BatchNorm2d]:
+    return (layer for layer in network.modules() if isinstance(layer, nn.BatchNorm2d))

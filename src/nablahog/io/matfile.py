@@ -39,13 +39,9 @@ _COMPLEX, _LOGICAL = 0x800, 0x200  # flags of a class
 def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The variables of a .mat file by name.
 
-    Args:
-        path: the file.
-
-    Returns:
-        Arrays of numbers are float64 arrays of their shape, of complex ones the real parts; arrays of characters are
-        one string, column by column; cells are lists; arrays of structures are lists of dictionaries by field, column
-        by column.  Sparse arrays, objects and functions are None.
+    Arrays of numbers are float64 arrays of their shape, of complex ones the real parts; arrays of characters are one
+    string, column by column; cells are lists; arrays of structures are lists of dictionaries by field, column by
+    column.  Sparse arrays, objects and functions are None.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -56,16 +52,9 @@ def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
-    """The arrays of numbers of a .mat file by name, as the types that they have in MATLAB.
+    """The arrays of numbers of a .mat file by name, of the types that they have in MATLAB; errors as :func:`read_mat`.
 
-    Args:
-        path: the file.
-
-    Returns:
-        float64 and float32 arrays, integers, booleans; of complex arrays complex ones without the imaginary parts.
-
-    Raises:
-        FileNotFoundError, ValueError: as :func:`read_mat`.
+    Complex arrays are complex, too, but without their imaginary parts.
     """
     with _naming(path) as data:
         return _arrays(data)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import re
 import time
 from collections import deque
@@ -26,10 +27,7 @@ from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
-from .job_files import store_files
-from .runner import DIED, cores, one_thread
-from .store import Work
-from .worker import attempt
+from .worker import DIED, Work, attempt, cores, one_thread, store_files
 
 R = TypeVar("R")
 
@@ -44,23 +42,12 @@ LOST = (CommClosedError, FutureCancelledError, CancelledError)  # what Dask rais
 
 
 def run_on_cluster(
-    jobs: Sequence[Work[R]],
-    *,
-    cluster: str,
-    started: Callable[[int], None] = lambda index: None,
+    jobs: Sequence[Work[R]], *, cluster: str, started: Callable[[int], None] = lambda index: None
 ) -> Generator[tuple[int, R | str], None, None]:
-    """Does all jobs on a cluster, each in one thread.
+    """Does all jobs on a cluster, each in one thread; otherwise as :func:`.runner.run_jobs`.
 
-    A result depends on nothing but its job.  Close the generator (``contextlib.closing``) to stop early.
-
-    Args:
-        jobs: sent in this order.
-        cluster: ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
-            ``tcp://HOST:PORT``; or the JSON file that it wrote.
-        started: called with the index of a job when it is sent.
-
-    Yields:
-        The index of each finished job, with its result or one sentence why it failed.
+    A cluster is ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
+    ``tcp://HOST:PORT``; or the JSON file that it wrote.
 
     Raises:
         ValueError: ``cluster`` is none of these.
@@ -75,7 +62,7 @@ def run_on_cluster(
         tried_alone: set[int] = set()
         at_work: dict[Any, int] = {}
         ended = SimpleQueue[Any]()
-        threads = _Threads(client)
+        threads, counted = 1, -math.inf
 
         def send(index: int) -> None:
             started(index)
@@ -87,7 +74,9 @@ def run_on_cluster(
             if not queue and not at_work:  # Dask blames tasks, too, that only waited for a worker that died
                 tried_alone.add(suspects[0])
                 send(suspects.popleft())
-            while queue and len(at_work) < AHEAD * threads.count():
+            if queue and time.monotonic() > counted + RECOUNT:
+                threads, counted = max(1, sum(client.nthreads().values())), time.monotonic()
+            while queue and len(at_work) < AHEAD * threads:
                 send(queue.popleft())
             try:
                 future = ended.get(timeout=PATIENCE)
@@ -126,21 +115,6 @@ def _check_workers(client: Client, cluster: str) -> None:
         raise ChildProcessError(f"the cluster {cluster} has no workers any more")
 
 
-class _Threads:
-    """The threads of all workers, counted every :data:`RECOUNT` seconds."""
-
-    def __init__(self, client: Client) -> None:
-        self._client, self._until = client, 0.0
-        self._count = 1
-
-    def count(self) -> int:
-        """The number of threads, at least 1."""
-        if time.monotonic() > self._until:
-            self._count = max(1, sum(self._client.nthreads().values()))
-            self._until = time.monotonic() + RECOUNT
-        return self._count
-
-
 @contextmanager
 def _connected(cluster: str) -> Iterator[Client]:
     """A client of the cluster; one of this machine's own processes ends with the block."""
@@ -148,11 +122,7 @@ def _connected(cluster: str) -> Iterator[Client]:
     failures = {"distributed.scheduler.allowed-failures": 0}  # for own processes: a job that died is tried alone
     with dask.config.set(failures), silence_logging_cmgr(logging.CRITICAL):
         if match is None:
-            try:
-                client = _client(cluster)
-            except (OSError, TimeoutError, asyncio.TimeoutError, ValueError) as error:
-                raise ChildProcessError(f"there is no Dask scheduler at {cluster}: {error}") from None
-            with client:
+            with _client(cluster) as client:
                 try:
                     client.wait_for_workers(1, timeout=PATIENCE)
                 except TimeoutError:
@@ -182,12 +152,15 @@ class _Client(Client):
 
 
 def _client(cluster: str) -> Client:
-    where = {"address": cluster}
-    if not re.fullmatch(r"[a-z]+://\S+", cluster):
-        if not Path(cluster).is_file():
-            raise ValueError("expected local, local:N, an address such as tcp://HOST:8786, or a scheduler's file")
-        where = {"scheduler_file": cluster}
-    return _Client(**where, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+    there_is_none = f"there is no Dask scheduler at {cluster}"
+    where = "address" if re.fullmatch(r"[a-z]+://\S+", cluster) else "scheduler_file"
+    if where == "scheduler_file" and not Path(cluster).is_file():
+        expected = "local, local:N, an address such as tcp://HOST:8786, or a scheduler's file"
+        raise ChildProcessError(f"{there_is_none}: expected {expected}")
+    try:
+        return _Client(**{where: cluster}, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, asyncio.TimeoutError, ValueError) as error:
+        raise ChildProcessError(f"{there_is_none}: {error}") from None
 
 
 @contextmanager

@@ -21,14 +21,7 @@ from .store import JobResult
 
 @dataclass(frozen=True)
 class ShardJob:
-    """The descriptors of some images.
-
-    Attributes:
-        paths: files or URLs of images.
-        spec: the dialect.
-        size: pixels of the longer side that images are shrunk to; 0 for never.
-        target: the file or URL of the shard.
-    """
+    """Descriptors of images (files or URLs), shrunk to ``size`` pixels (0: never), for the shard ``target``."""
 
     paths: tuple[str, ...]
     spec: HOGSpec
@@ -41,10 +34,7 @@ class ShardJob:
         return shard_key(self.paths, self.spec, self.size)
 
     def run(self) -> JobResult:
-        """Writes the shard.  An image without a descriptor has a row, too, that says why.
-
-        Returns:
-            The figures ``images`` and ``failed``, their numbers.
+        """Writes the shard, where an image without a descriptor has a row, too; figures are ``images`` and ``failed``.
 
         Raises:
             OSError: the shard cannot be written.

@@ -1,56 +1,64 @@
-"""Many jobs on all cores; a job whose process dies is tried again alone."""
+"""Many jobs on all cores, or on a cluster; a job whose process dies is tried again alone."""
 
 from __future__ import annotations
 
-import os
 import signal
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
-from .store import Work
-from .worker import attempt, begin
+from .worker import DIED, Work, attempt, begin, one_thread
 
 R = TypeVar("R")
 
-DIED = "the process at work on it died, and died again when it ran alone"
 
-
-def cores() -> int:
-    """The number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Child processes started in the block compute in one thread each: the libraries under PyTorch read this first."""
-    before = os.environ.get("OMP_NUM_THREADS")
-    os.environ["OMP_NUM_THREADS"] = "1"
+def run_anywhere(
+    jobs: Sequence[Work[R]], workers: int, cluster: str | None, started: Callable[[int], None] = lambda index: None
+) -> Generator[tuple[int, R | str], None, None]:
+    """As :func:`run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`; ValueError without Dask."""
+    if cluster is None:
+        return run_jobs(jobs, workers=workers, started=started)
     try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["OMP_NUM_THREADS"]
-        else:
-            os.environ["OMP_NUM_THREADS"] = before
+        from .cluster import run_on_cluster  # loads Dask
+    except ModuleNotFoundError as error:
+        raise ValueError(f"a cluster needs {error.name}: pip install 'nablahog[cluster]'") from None
+    return run_on_cluster(jobs, cluster=cluster, started=started)
 
 
-@contextmanager
-def _no_interrupts() -> Iterator[None]:
-    """Child processes started in the block ignore Ctrl-C; the parent handles it, after the block."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # starting it would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+@dataclass(frozen=True, eq=False)
+class Call(Generic[R]):
+    """A function with its arguments, as work."""
+
+    function: Callable[..., R]
+    arguments: tuple[Any, ...]
+
+    def run(self) -> R:
+        """Calls it."""
+        return self.function(*self.arguments)
+
+
+def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
+    """A ``map`` that works on a cluster; it raises ValueError where a call fails, else as :func:`run_anywhere`."""
+
+    def mapped(function: Callable[..., R], *arguments: Iterable[Any]) -> Iterator[R]:
+        calls = [Call(function, each) for each in zip(*arguments, strict=True)]
+        early: dict[int, R] = {}
+        wanted = 0
+        with closing(run_anywhere(calls, 1, cluster)) as outcomes:
+            for index, outcome in outcomes:
+                if isinstance(outcome, str):
+                    raise ValueError(outcome)
+                early[index] = outcome
+                while wanted in early:
+                    yield early.pop(wanted)
+                    wanted += 1
+
+    return mapped
 
 
 def run_jobs(
@@ -58,14 +66,9 @@ def run_jobs(
 ) -> Generator[tuple[int, R | str], None, None]:
     """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
 
-    A result depends on nothing but its job.  When a process dies, all jobs at work are tried again in the end, one by
-    one: perhaps for want of memory that is free then.  The processes end with this generator; close it
-    (``contextlib.closing``) to stop early.
-
-    Args:
-        jobs: started in this order.
-        workers: processes, at least 1.
-        started: called with the index of a job when it is started.
+    Jobs are started in their order, and ``started`` is called with the index.  When a process dies, all jobs at work
+    are tried again in the end, one by one: perhaps for want of memory that is free then.  The processes end with this
+    generator; close it (``contextlib.closing``) to stop early.
 
     Yields:
         The index of each finished job, with its result or one sentence why it failed.
@@ -110,12 +113,22 @@ def _until_a_death(
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed in the end.
+def _no_interrupts() -> Iterator[None]:
+    """Child processes started in the block ignore Ctrl-C; the parent handles it, after the block."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # starting it would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    Raises:
-        ChildProcessError: they do not start.
-    """
+
+@contextmanager
+def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed."""
     pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)  # a forked PyTorch may hang
     try:
         with one_thread(), _no_interrupts():

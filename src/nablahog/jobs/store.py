@@ -1,10 +1,11 @@
-"""Results on disk: one file for each job, named by a hash of everything the result depends on."""
+"""Jobs that are done once: each result is a file, named by a hash of everything that it depends on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,39 +15,23 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..io.files import replacing
+from ..io.files import remove_parts, replacing
+from .runner import run_anywhere
+from .worker import Work
 
-R_co = TypeVar("R_co", covariant=True)
+Name = TypeVar("Name", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """The outcome of a job.
+    """The outcome of a job: for each row of its method figures, ready for JSON (no NaN), and a picture, (rows, …).
 
-    Attributes:
-        figures: one mapping for each row of its method, ready for JSON: no NaN.
-        pictures: one for each row, (rows, ...), uint8 in a table.
-        seconds: wall time of the method.
+    Pictures of tables are uint8.  Seconds are the wall time of the method.
     """
 
     figures: Sequence[Mapping[str, Any]]
     pictures: NDArray[Any]
     seconds: float
-
-
-class Work(Protocol[R_co]):
-    """Work that can be sent to another process; its result is no text.
-
-    If it reads files, it has a method ``files`` that returns their paths, and opens :func:`.job_files.local_path` of
-    them.
-    """
-
-    def run(self) -> R_co:
-        """Does the work; the same result every time.
-
-        Raises:
-            ValueError, OSError: why there is no result, in one sentence.
-        """
 
 
 class Job(Work[JobResult], Protocol):
@@ -57,7 +42,7 @@ class Job(Work[JobResult], Protocol):
         """The name of the method."""
 
     def key(self) -> str:
-        """A hash of everything the result depends on, including its code (:func:`nablahog.runtime.source.code_key`)."""
+        """A hash of everything the result depends on, including its code (:func:`nablahog.runtime.cache.code_key`)."""
 
     def fits(self, result: JobResult) -> bool:
         """Whether a stored result has the rows and shapes of this job; damaged files do not."""
@@ -98,3 +83,60 @@ def load(path: Path, job: Job) -> JobResult | None:
         return result if job.fits(result) else None
     except Exception:  # damaged archives raise nearly anything
         return None
+
+
+def do_all(
+    folder: Path,
+    jobs: Mapping[Name, Job],
+    *,
+    workers: int,
+    cluster: str | None = None,
+    progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
+) -> Iterator[tuple[Name, JobResult | str]]:
+    """Does the jobs that have no stored result, then yields the results of all, or one sentence why there is none.
+
+    Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
+    resumed; a run with other settings starts anew in the same folder.  ``progress`` is called with the number of jobs
+    done, their total, and the names of the methods at work.  Further arguments and errors are those of
+    :func:`.runner.run_anywhere`.
+
+    Raises:
+        OSError: a result cannot be stored.
+    """
+    work = folder / "work"
+    for written in (folder, *(work / method for method in dict.fromkeys(job.name for job in jobs.values()))):
+        remove_parts(written)
+    paths = {name: work / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
+    reasons = _do({paths[name]: job for name, job in jobs.items()}, workers, cluster, progress)
+    for name, job in jobs.items():
+        result = load(paths[name], job)
+        yield name, reasons.get(paths[name], "its stored result has vanished") if result is None else result
+
+
+def _do(
+    jobs: Mapping[Path, Job], workers: int, cluster: str | None, progress: Callable[[int, int, str], None]
+) -> dict[Path, str]:
+    """Does the jobs without a valid result at their path; returns why jobs failed."""
+    missing = [path for path, job in jobs.items() if load(path, job) is None]
+    at_work: dict[int, str] = {}
+    done = len(jobs) - len(missing)
+
+    def report() -> None:
+        progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
+
+    def started(index: int) -> None:
+        at_work[index] = jobs[missing[index]].name
+        report()
+
+    reasons = {}
+    report()
+    with closing(run_anywhere([jobs[path] for path in missing], workers, cluster, started)) as outcomes:
+        for index, outcome in outcomes:
+            if isinstance(outcome, JobResult):
+                save(missing[index], outcome)
+            else:
+                reasons[missing[index]] = outcome
+            del at_work[index]
+            done += 1
+            report()
+    return reasons

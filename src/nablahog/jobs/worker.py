@@ -1,4 +1,4 @@
-"""One job at a time, in a process of its own or here.
+"""One job at a time, in a process of its own or here, and the files of the client that it reads.
 
 This module loads nothing that takes time: a process whose parent is killed while it loads PyTorch ends at once, too.
 """
@@ -8,31 +8,33 @@ from __future__ import annotations
 import os
 import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
-
-if TYPE_CHECKING:
-    from .store import Work
+from typing import Protocol, TypeVar
 
 R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
+
+DIED = "the process at work on it died, and died again when it ran alone"
+_COPIES: dict[str, Path] = {}
+_FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
 
 
-def begin() -> None:
-    """Makes this process a worker, which computes in one thread and ends with its parent."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    import torch
+class Work(Protocol[R_co]):
+    """Work that can be sent to another process; its result is no text.
 
-    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
+    If it reads files, it has a method ``files`` that returns their paths, and opens :func:`local_path` of them.
+    """
 
+    def run(self) -> R_co:
+        """Does the work; the same result every time.
 
-def _end_with_parent() -> None:
-    """Ends this process when its parent ends, even if the parent is killed."""
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+        Raises:
+            ValueError, OSError: why there is no result, in one sentence.
+        """
 
 
 def attempt(job: Work[R]) -> R | str:
@@ -52,3 +54,58 @@ def attempt(job: Work[R]) -> R | str:
 
 def _sentence(error: Exception) -> str:
     return " ".join(str(error).split())
+
+
+def begin() -> None:
+    """Makes this process a worker, which computes in one thread and ends with its parent."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    import torch
+
+    torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
+
+
+def _end_with_parent() -> None:
+    """Ends this process when its parent ends, even if the parent is killed."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+def cores() -> int:
+    """The number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Child processes started in the block compute in one thread each: the libraries under PyTorch read this first."""
+    before = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["OMP_NUM_THREADS"]
+        else:
+            os.environ["OMP_NUM_THREADS"] = before
+
+
+def store_files(files: dict[str, bytes], folder: Path) -> None:
+    """Writes contents, by their paths on the client, into a folder of this worker, for :func:`local_path`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _FOLDERS[:] = [folder]
+    for number, (path, data) in enumerate(files.items()):
+        copy = folder / f"{number}{Path(path).suffix}"
+        copy.write_bytes(data)
+        _COPIES[path] = copy
+
+
+def local_path(path: Path) -> Path:
+    """The copy on this machine of a file of the client; the path itself where there is none."""
+    return _COPIES.get(str(path), path)
+
+
+def local_folder(path: Path) -> Path:
+    """A folder where jobs keep what others need, too: the client's, where this machine has it, or one of the worker."""
+    return path if path.is_dir() or not _FOLDERS else _FOLDERS[0] / path.name

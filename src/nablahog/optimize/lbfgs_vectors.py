@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .. import native
-from ..runtime.threads import share_out
+from ..runtime.pytorch import share_out
 from .lbfgs_decisions import Decisions
 from .result import Numbers
 from .running import as_numbers, of_rows, rows_where

@@ -1,4 +1,4 @@
-"""Objects in photographs whose viewpoints are annotated."""
+"""Objects in photographs whose viewpoints are annotated, and viewpoints alone: lists in CSV files, and random ones."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
 from ..hog.box import Box
 from ..io.images import read_image
 from ..runtime.text import one_line
+from .lists import SIDES, Row, read_csv
 from .models import Model
-from .rows import Row, read_csv
 
-SIDES = ("x0", "y0", "x1", "y1")
+Floats = NDArray[np.float64]
 ANGLES = ("azimuth", "elevation", "theta")
 LEAST = 8  # pixels of a side of a box
 LONGEST = 256  # pixels of the longer side of a box: twice what a search looks at
@@ -54,7 +56,7 @@ def read_annotations(
     """Reads the objects in a CSV file.
 
     Args:
-        path: the file, as :func:`.rows.read_csv` takes it, with the columns ``image``, a file relative to the folder
+        path: the file, as :func:`.lists.read_csv` takes it, with the columns ``image``, a file relative to the folder
             of this one; ``x0``, ``y0``, ``x1``, ``y1``, the box in pixels from the upper left corner, half open;
             ``azimuth``, ``elevation`` and ``theta``, degrees, as PASCAL3D+ has them; and perhaps ``model``, the name of
             the object's CAD model, which may be empty.
@@ -132,3 +134,58 @@ def _shrunk(image: Tensor, scale: float) -> tuple[Tensor, tuple[float, float]]:
     size = [max(1, round(side * scale)) for side in (height, width)]
     small = functional.interpolate(image[None], size, mode="bicubic", antialias=True, align_corners=False)[0]
     return small.clamp(0, 1), (size[1] / width, size[0] / height)
+
+
+def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
+    """Reads the viewpoints in a CSV file.
+
+    Args:
+        path: the file, as :func:`.lists.read_csv` takes it, with the columns ``azimuth``, ``elevation`` and perhaps
+            ``theta``, in degrees as :data:`~nablahog.render.camera.PARAMETERS` says.
+
+    Returns:
+        (N, 3), float64: azimuth in 0…360 (without 360), elevation in -90…90, theta (0 without such a column).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such file, has no viewpoints, or a value is no finite number or out of its range; the
+            message names the line.
+
+    >>> from pathlib import Path
+    >>> _ = Path("viewpoints.csv").write_text("azimuth,elevation\\n30,10\\n350,15.5\\n")
+    >>> nablahog.paper.annotations.read_viewpoints("viewpoints.csv")
+    array([[ 30. ,  10. ,   0. ],
+           [350. ,  15.5,   0. ]])
+    """
+    rows = read_csv(path, ("azimuth", "elevation"))
+    viewpoints = np.zeros((len(rows), 3))
+    for viewpoint, row in zip(viewpoints, rows, strict=True):
+        for k, column in enumerate(ANGLES):
+            if k < 2 or column in row.values:
+                viewpoint[k] = row.number(column, "degrees")
+        if abs(viewpoint[1]) > 90:
+            raise row.error("elevation", f"expected -90…90 degrees, got {viewpoint[1]:g}")
+    viewpoints[:, 0] %= 360
+    viewpoints[viewpoints[:, 0] == 360, 0] = 0  # the remainder of a number just below 0
+    return viewpoints
+
+
+def sample_viewpoints(count: int, generator: np.random.Generator) -> Floats:
+    """Random viewpoints, as people photograph chairs: standing, from all around, most often from the front.
+
+    Azimuth: for half of them normal about the front, σ = 45°, for the others uniform.  Elevation: triangular from 0° to
+    45° with its peak at 15°.  Theta: normal, σ = 3°.
+
+    Args:
+        count: number of viewpoints.
+        generator: of random numbers.
+
+    Returns:
+        (``count``, 3), float64, as :func:`read_viewpoints`.
+
+    >>> nablahog.paper.annotations.sample_viewpoints(5, np.random.default_rng(0)).shape
+    (5, 3)
+    """
+    frontal = generator.random(count) < 0.5
+    azimuth = np.where(frontal, generator.normal(0, 45, count), generator.uniform(0, 360, count)) % 360
+    return np.stack([azimuth, generator.triangular(0, 15, 45, count), generator.normal(0, 3, count)], axis=1)

@@ -1,31 +1,163 @@
-"""What Table 2 is made from: objects in images, their true viewpoints, and the models to choose among."""
+"""What Table 2 is made from: objects in images, the models to choose among, and conditions that make objects harder.
+
+Conditions are rough, cut-off and no boxes, other viewpoints and looks.
+"""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..hog.box import Box
 from ..io.images import Picture
+from ..render import Mesh
 from .annotations import AnnotatedObject
-from .conditions import CONDITIONS, PLAIN
 from .models import Meshes, Model
+from .scenes import SceneSettings, scene
+
+Generator: TypeAlias = np.random.Generator
+Floats: TypeAlias = NDArray[np.float64]
+
+_EXACT = SceneSettings(box_jitter=0)
+_OUTWARDS = np.array([-1, -1, 1, 1])
+
+Change: TypeAlias = Callable[[AnnotatedObject, Generator], AnnotatedObject]
+
+
+def _unchanged(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+    return one
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What makes objects harder.
+
+    Attributes:
+        about: what is hard, a sentence.
+        change: to the box or the initial pose.
+        viewpoint: makes another viewpoint of azimuth, elevation and theta, (3,); None for the scene's own.
+        has_initial: whether a search gets an initial pose.
+        settings: of the scenes.
+
+    >>> from nablahog.hog.box import Box
+    >>> from nablahog.paper.annotations import AnnotatedObject
+    >>> from nablahog.paper.examples import CONDITIONS
+    >>> one = AnnotatedObject("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
+    >>> tuple(map(float, CONDITIONS["larger-20"].applied(one, seed=0, index=0).box))
+    (10.0, 0.0, 130.0, 120.0)
+    """
+
+    about: str
+    change: Change = _unchanged
+    viewpoint: Callable[[Floats, Generator], Floats] | None = None
+    has_initial: bool = True
+    settings: SceneSettings = _EXACT
+
+    @property
+    def of_photographs(self) -> bool:
+        """Whether only the box or the initial pose changes, so that photographs have it as well as scenes."""
+        return self.viewpoint is None and self.settings is _EXACT
+
+    def applied(self, one: AnnotatedObject, seed: int, index: int) -> AnnotatedObject:
+        """The object number ``index`` under this condition."""
+        return self._changed(one, _generator(seed, index))
+
+    def scene(
+        self,
+        index: int,
+        models: Mapping[str, Mesh],
+        viewpoints: Floats,
+        photographs: Sequence[Picture],
+        *,
+        seed: int = 0,
+    ) -> AnnotatedObject:
+        """The scene number ``index`` under this condition; arguments and errors are those of :func:`.scenes.scene`.
+
+        The same number has the same model, viewpoint and background in all conditions that do not change these.
+        """
+        generator = _generator(seed, index)
+        if self.viewpoint is not None:
+            viewpoints = self.viewpoint(viewpoints[generator.integers(len(viewpoints))].copy(), generator)[None]
+        made = scene(index, models, viewpoints, photographs, seed=seed, settings=self.settings)
+        return self._changed(made.annotated(f"{index:04d}"), generator)
+
+    def _changed(self, one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+        return self.change(one if self.has_initial else replace(one, initial=None), generator)
+
+
+def _generator(seed: int, index: int) -> Generator:
+    return np.random.default_rng([seed, index, 1])
+
+
+def _moved(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
+    """A box whose sides are moved, to the right and downwards, by shares of its width and height."""
+
+    def change(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+        assert one.box is not None
+        by = sides(generator) * np.tile([one.box.width, one.box.height], 2)
+        return replace(one, box=Box.of(np.array(one.box) + by))
+
+    return change
+
+
+def _off(share: float) -> Change:
+    return _moved(lambda generator: share * generator.choice([-1, 1], 4))
+
+
+def _cut(share: float) -> Change:
+    return _moved(lambda generator: -share * _OUTWARDS * np.eye(4)[int(generator.integers(4))])
+
+
+def _no_box(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+    return replace(one, box=None)
+
+
+def _tilted(viewpoint: Floats, generator: Generator) -> Floats:
+    viewpoint[2] = generator.choice([-1, 1]) * generator.uniform(12, 45)
+    return viewpoint
+
+
+def _steep(viewpoint: Floats, generator: Generator) -> Floats:
+    viewpoint[1] = generator.uniform(-20, 75)
+    return viewpoint
+
+
+CONDITIONS: Mapping[str, Condition] = {
+    "exact": Condition("The box is exact."),
+    "sides-5": Condition("Each side of the box is 5 % of its width or height off, inwards or outwards.", _off(0.05)),
+    "sides-10": Condition("Each side of the box is 10 % of its width or height off, inwards or outwards.", _off(0.1)),
+    "larger-20": Condition("The box is 20 % wider and higher.", _moved(lambda generator: 0.1 * _OUTWARDS)),
+    "cut-15": Condition("One side of the box is 15 % too far inside.", _cut(0.15)),
+    "cut-30": Condition("One side of the box is 30 % too far inside.", _cut(0.3)),
+    "no-box": Condition("There is no box; methods without a search for it take the whole photograph.", _no_box),
+    "tilted": Condition(
+        "In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilted, has_initial=False
+    ),
+    "steep": Condition(
+        "Elevations of −20 to 75°: higher up, azimuth and in-plane rotation are one; no initial pose is given.",
+        viewpoint=_steep,
+        has_initial=False,
+    ),
+    "renderer": Condition(
+        "The look of another renderer: cast shadows, highlights, and JPEG of quality 20 to 50.",
+        settings=replace(_EXACT, shadow=0.9, gloss=0.6, jpeg=(20.0, 50.0)),
+    ),
+}
+"""All conditions by name; a new one is one more entry, and its name in :mod:`.names`."""
+
+PLAIN = Condition("The scenes of the table itself, with slightly jittered boxes.", settings=SceneSettings())
 
 PHOTOGRAPHED_FROM = 15.0  # degrees of elevation: about the median of the chairs that PASCAL3D+ is trained on, 16°
 
 
 @dataclass
 class Examples:
-    """Objects to estimate the pose of.
-
-    Attributes:
-        objects: in order.
-        origin: where they are from, whole sentences.
-        failed: why an image could not be read, by its name.
-    """
+    """Objects to estimate the pose of; where they are from, in whole sentences; why images failed, by their names."""
 
     objects: list[AnnotatedObject]
     origin: str
@@ -48,13 +180,12 @@ def photographed(
     :data:`PHOTOGRAPHED_FROM` for all.
 
     Args:
-        objects: with a true viewpoint, and the name of their own model or of the one most like them.
+        objects: with the name of their own model or of the one most like them.
         models: the candidates.
-        origin: where the objects are from, whole sentences.
+        origin, failed: as :class:`Examples` has them.
         unknown_model: whether to leave an object's own model out.
         seed: of the initial azimuths, and of the condition.
-        condition: one of :data:`~nablahog.paper.conditions.CONDITIONS` that photographs can have; none if empty.
-        failed: why an image could not be read, by its name.
+        condition: one of :data:`CONDITIONS` that photographs can have; none if empty.
 
     Raises:
         ValueError: an object has no candidate.
@@ -91,13 +222,11 @@ def rendered(
 
     Args:
         count: scenes, at least 1.
-        models: of which each scene shows one.
-        viewpoints: (N, 3), as :func:`~nablahog.paper.viewpoints.read_viewpoints`, of which each scene has one.
-        photographs: the clutter, as :func:`~nablahog.paper.scenes.scene` takes it.
-        origin: of the models, viewpoints and photographs: the middle of a sentence.
+        models, viewpoints, photographs: as :func:`.scenes.scene` takes them, but models as a list.
+        origin: of these: the middle of a sentence.
         unknown_model: whether to leave the scene's own model out, and search with all others.
         seed: of the scenes.
-        condition: one of :data:`~nablahog.paper.conditions.CONDITIONS`; none if empty.
+        condition: one of :data:`CONDITIONS`; none if empty.
 
     Raises:
         ValueError: there is no candidate.

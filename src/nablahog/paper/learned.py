@@ -18,10 +18,8 @@ from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel
-from ..runtime.cache_folder import cache_folder
-from ..runtime.source import code_key
-from .baselines.bovw import BoVW
-from .baselines.bovw_learning import learn_bovw
+from ..runtime.cache import cache_folder, code_key
+from .baselines.bovw import BoVW, learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
 from .names import PRIORS
@@ -41,9 +39,9 @@ class Learner:
         learn: from gray photographs (H, W), float32 in 0…1, by name, and a spec, to a model.  Its keyword arguments are
             ``progress``, ``checkpoint`` if it can be resumed, and its own.
         check: raises ValueError for a spec that it cannot be learned for.
-        least: (height, width) of the smallest image that can be learned from.
+        least: (height, width) of the smallest image.
         resumes: whether an interrupted learning is resumed from its checkpoint.
-        tile: pixels of the side of all images to learn from; None if their size is free.
+        tile: pixels of the side of all images; None if it is free.
     """
 
     model: type[LearnedModel]
@@ -56,12 +54,7 @@ class Learner:
     def learn_to(
         self, output: Path, images: Mapping[str, Tensor], spec: HOGSpec, progress: Progress, **options: Any
     ) -> LearnedModel:
-        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile.
-
-        Raises:
-            ValueError: an image, the spec, an option or the checkpoint is unusable.
-            OSError: a file cannot be written.
-        """
+        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile."""
         with checkpoint_for(output) if self.resumes else nullcontext() as checkpoint:
             if self.resumes:
                 options["checkpoint"] = checkpoint
@@ -71,11 +64,7 @@ class Learner:
 
 
 _PRIOR = Learner(
-    LearnedPrior,
-    train_prior,
-    network_class,
-    lambda spec: (least_side(spec.cell_size[0]),) * 2,
-    resumes=True,
+    LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2, resumes=True
 )
 LEARNED = {
     "prior": _PRIOR,
@@ -95,11 +84,7 @@ def shipped_files() -> dict[str, Path]:
 
 
 def load(kind: str, path: Path) -> Any:
-    """The model of a kind in a file, which is read once however many images it is used for.
-
-    Raises:
-        OSError, ValueError: it cannot be read.
-    """
+    """The model of a kind in a file, which is read once however many images it is used for."""
     state = path.stat() if path.exists() else None
     return _load(kind, path, state and state.st_mtime_ns, state and state.st_size)
 
@@ -110,9 +95,7 @@ def _load(kind: str, path: Path, changed: int | None, size: int | None) -> Learn
 
 
 def learned_from_samples(kind: str, progress: Progress) -> Path:
-    """The file of the model that is learned from the sample photographs, once for all runs.
-
-    It is stored in the folder for caches (:func:`.cache_folder.cache_folder`).
+    """The file of the model that is learned from the sample photographs, once for all runs, in the folder for caches.
 
     Raises:
         OSError: it cannot be stored.

@@ -40,12 +40,8 @@ def relit(
     """Adds shadows, which the object casts on itself and on the floor, and highlights (Blinn-Phong) to a rendering.
 
     Args:
-        picture: (H, W), the rendering on black.
-        opacity: (H, W) in 0…1, the share of each pixel that it covers.
-        mesh: rendered.
-        pose: (6,).
-        camera: of the rendering.
-        light: of the rendering; shadows need it to come from above.
+        picture, opacity: (H, W), the rendering on black, and the share of each pixel that it covers.
+        mesh, pose, camera, light: of the rendering; shadows need the light to come from above.
         shadow: share of the direct light that is missing in a shadow, in 0…1.
         gloss: brightness of a highlight, in 0…1.
 
@@ -72,10 +68,7 @@ def relit(
 
 
 def _seen(mesh: Mesh, pose: Tensor, camera: Camera, rotation: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """What each pixel shows, in the object's frame: points on the object or on the floor, (H·W, 3).
-
-    Also the unit vectors (H·W, 3) of the rays, and whether the floor is seen, (H, W).
-    """
+    """Points (H·W, 3) of the object or the floor, in the object's frame, unit rays (H·W, 3), and where the floor is."""
     rows, cols = torch.meshgrid(
         torch.arange(camera.height, dtype=torch.float64), torch.arange(camera.width, dtype=torch.float64), indexing="ij"
     )

@@ -15,7 +15,7 @@ from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstru
 from ..invert.histograms import searchable
 from ..invert.multiscale import SCALES, level_spec
 from ..invert.start import enlarge
-from ..jobs.job_files import local_path
+from ..jobs.worker import local_path
 from .baselines.cnn_hog import CNNHOG
 from .learned import SPEC, load
 from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, PRIORS, UOCTTI
@@ -23,12 +23,9 @@ from .names import DALAL, DIALECTS, LIBRARIES, NO_HOG, PRIORS, UOCTTI
 
 @dataclass(frozen=True)
 class Table1Settings:
-    """The settings of all methods of a run.
+    """The settings of all methods of a run: a seed, and files that they learned, by the names of :data:`.LEARNED`.
 
-    Attributes:
-        seed: of everything random.
-        max_evaluations: of the objective, for each image; None for the method's own default.
-        learned: files that methods learned from photographs, by the names of :data:`.LEARNED`.
+    Evaluations are of the objective, for each image; None for the method's own default.
     """
 
     seed: int = 0
@@ -59,8 +56,7 @@ class Method:
             processes import it, so it is a function of a module, or a ``functools.partial`` of one.
         spec: the dialect of its input descriptor; None if that is no HOG.
         multiscale: whether it also has a row for each of :data:`SCALES`.
-        needs: the kinds of learned files that it reads, keys of ``Table1Settings.learned``; the first is for
-            descriptors of ``spec``.
+        needs: the kinds of learned files that it reads; the first is for descriptors of ``spec``.
         asked: whether it runs only if it is asked for by name.
     """
 
@@ -96,15 +92,7 @@ def _searched(
     published: bool = False,
     priors: Sequence[str] = (),
 ) -> list[MethodOutput]:
-    """Inverts the descriptor of an image by a search.
-
-    Args:
-        image, settings: as :class:`Method` has them.
-        spec: the dialect.
-        scales: of a multi-scale search.
-        published: whether the search is the paper's own.
-        priors: kinds of learned priors, the first for descriptors of ``spec``.
-    """
+    """Inverts the descriptor of an image by a search, the paper's own or ours, perhaps with learned priors."""
     options: dict[str, Any] = {"seed": settings.seed}
     if published:
         options["method"] = AsPublished(max_evaluations=settings.max_evaluations)
@@ -138,7 +126,7 @@ def _needed(kind: str, settings: Table1Settings) -> Any:
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     bovw = _needed("bovw", settings)
-    return [_output(bovw.reconstruct(bovw.histogram(image), (image.shape[2], image.shape[3]), seed=settings.seed))]
+    return [_output(bovw.reconstruct(bovw.histogram(image), seed=settings.seed))]
 
 
 def _hoggles(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
@@ -152,26 +140,31 @@ def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list
 
 
 def _search(
-    name: str, group: str, spec: HOGSpec, scales: Scales | None = None, *, asked: bool = False, **options: Any
+    name: str,
+    group: str,
+    spec: HOGSpec,
+    scales: Scales | None = None,
+    *,
+    asked: bool = False,
+    published: bool = False,
+    learned: bool = False,
 ) -> Method:
     """The method that :func:`_searched` is with these options."""
-    run = partial(_searched, spec=spec, scales=scales, **options)
-    return Method(name, group, run, spec, scales is not None, options.get("priors", ()), asked)
+    priors: tuple[str, ...] = ()
+    if learned:
+        priors = ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
+    run = partial(_searched, spec=spec, scales=scales, published=published, priors=priors)
+    return Method(name, group, run, spec, scales is not None, priors, asked)
 
 
-def _three(prefix: str, group: str, spec: HOGSpec, **options: Any) -> list[Method]:
+def _three(prefix: str, group: str, spec: HOGSpec, *, published: bool = False) -> list[Method]:
     """Single-scale, multi-scale and multi-scale-more."""
-    variants: dict[str, Scales | None] = {
-        "single": None,
-        "multi-scale": "one descriptor",
-        "multi-scale-more": "one each",
-    }
-    return [_search(f"{prefix}-{name}", group, spec, scales, **options) for name, scales in variants.items()]
-
-
-def _priors(spec: HOGSpec) -> tuple[str, ...]:
-    """The kinds of learned priors for descriptors of ``spec``."""
-    return ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
+    search = partial(_search, group=group, spec=spec, published=published, asked=published)
+    return [
+        search(f"{prefix}-single"),
+        search(f"{prefix}-multi-scale", scales="one descriptor"),
+        search(f"{prefix}-multi-scale-more", scales="one each"),
+    ]
 
 
 _DALAL = presets.paper()
@@ -184,16 +177,13 @@ METHODS = {
         Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
         _search("paper-uoctti-single", UOCTTI, SPEC, published=True, asked=True),
         *_three("uoctti", UOCTTI, SPEC),
-        _search("uoctti-learned", UOCTTI, SPEC, priors=_priors(SPEC)),
-        *_three("paper-dalal", DALAL, _DALAL, published=True, asked=True),
+        _search("uoctti-learned", UOCTTI, SPEC, learned=True),
+        *_three("paper-dalal", DALAL, _DALAL, published=True),
         *_three("dalal", DALAL, _DALAL),
-        _search("dalal-learned", DALAL, _DALAL, priors=_priors(_DALAL)),
-        _search("dalal-multi-scale-more-learned", DALAL, _DALAL, "one each", priors=_priors(_DALAL)),
+        _search("dalal-learned", DALAL, _DALAL, learned=True),
+        _search("dalal-multi-scale-more-learned", DALAL, _DALAL, "one each", learned=True),
         *(_search(name, LIBRARIES, spec, asked=True) for name, spec in DIALECTS.items()),
-        *(
-            _search(f"{name}-learned", LIBRARIES, spec, priors=_priors(spec), asked=True)
-            for name, spec in DIALECTS.items()
-        ),
+        *(_search(f"{name}-learned", LIBRARIES, spec, asked=True, learned=True) for name, spec in DIALECTS.items()),
     )
 }
 """All methods by name, each group in the order of the table."""
@@ -203,8 +193,6 @@ def choose(
     names: Sequence[str] | None, files: Collection[str], shipped: Collection[str] = ()
 ) -> tuple[list[Method], list[Method]]:
     """Chooses the methods to run, and lists those left out for want of a file; both in the order of the table.
-
-    Files that can be learned from bundled photographs are optional.
 
     Args:
         names: of the methods to run; None for all that can run, except those that run only if asked for by name.

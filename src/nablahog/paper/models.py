@@ -10,8 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..io.files import check_folder
-from ..jobs.job_files import local_path
 from ..jobs.store import digest
+from ..jobs.worker import local_path
 from ..render.mesh import Mesh, load_mesh
 from ..render.mesh_archive import FILE, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
@@ -144,12 +144,9 @@ class Meshes(Mapping[str, Mesh]):
 
 
 def models_in(folder: Path) -> tuple[list[Model], dict[str, str]]:
-    """The models of a folder, by the names that :func:`read_models` gives them.
+    """The models that :func:`read_models` finds in a folder, and why others could not be read, by their names.
 
     All are read once, so that a damaged one is reported before the work.
-
-    Returns:
-        The models, and why the others could not be read, by their names.
 
     Raises:
         FileNotFoundError, NotADirectoryError: as there.

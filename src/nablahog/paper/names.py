@@ -69,7 +69,7 @@ TABLE2 = ("exemplar", "exhaustive", "paper", "paper-edges", "best")
 CONDITIONS = (
     *("exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box", "tilted", "steep", "renderer"),
 )
-"""Conditions that Table 2 is also computed under: the names of :data:`nablahog.paper.conditions.CONDITIONS`."""
+"""Conditions that Table 2 is also computed under: the names of :data:`.examples.CONDITIONS`."""
 
 
 _PUBLISHED = {

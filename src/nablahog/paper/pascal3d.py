@@ -23,7 +23,7 @@ from ..io.images import read_image
 from ..io.matfile import read_mat
 from ..runtime.text import one_line
 from .annotations import AnnotatedObject
-from .voc import VOCObject, check_voc, half_open, read_annotation, read_image_ids
+from .voc import check_voc, half_open, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
 SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a record are those of one object
@@ -31,16 +31,11 @@ SAME_BOX = 0.5  # intersection over union from which the boxes of VOC and of a r
 
 @dataclass(frozen=True)
 class Record:
-    """The annotation of an object in PASCAL3D+.
+    """The annotation of an object in PASCAL3D+, with a box in pixels.
 
-    Attributes:
-        category: such as "chair".
-        box: where, in pixels.
-        viewpoint: azimuth of the camera in 0…360, 0 in front of the object and 90 at its left; elevation above the
-            object's horizontal plane; and theta in the image plane, counter-clockwise.  Degrees.  None if none is
-            annotated.
-        coarse: only a rough guess of azimuth and elevation is annotated.
-        cad: the number of the CAD model most like it, from 1; None if none is annotated.
+    The viewpoint is the azimuth of the camera in 0…360, 0 in front of the object and 90 at its left; its elevation
+    above the object's horizontal plane; and theta in the image plane, counter-clockwise; degrees.  It is coarse if only
+    a guess is annotated.  ``cad`` is the number, from 1, of the CAD model most like the object.
     """
 
     category: str
@@ -77,12 +72,9 @@ class Selection:
 
 
 def read_record(path: Path) -> list[Record]:
-    """Reads the objects of a record of PASCAL3D+, in its order.
+    """The objects of a record of PASCAL3D+ (MATLAB), in its order.
 
     If the distance is 0 or missing, the coarse viewpoint is used, as in the published code.
-
-    Args:
-        path: of the MATLAB file.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -189,7 +181,7 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
     try:
         annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
         numbered = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
-        usable = [(number, each) for number, each in numbered if _flaw(each) is None]
+        usable = [(number, each) for number, each in numbered if each.flaw is None]
         objects: list[AnnotatedObject] = []
         if usable:  # the other photographs need not be read
             photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
@@ -209,13 +201,8 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
         result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
         return
     result.objects += objects
-    result.left_out.update(flaw for _, each in numbered if (flaw := _flaw(each)) is not None)
+    result.left_out.update(each.flaw for _, each in numbered if each.flaw is not None)
     result.left_out.update(["without a viewpoint"] * (len(usable) - len(objects)))
-
-
-def _flaw(one: VOCObject) -> str | None:
-    flaws = {"difficult": one.difficult, "occluded": one.occluded, "truncated": one.truncated}
-    return next((name for name, holds in flaws.items() if holds), None)
 
 
 def cut_out(image: Tensor, box: Box, shortest: int = SHORTEST) -> Tensor:

@@ -11,18 +11,14 @@ from torch import Tensor
 
 from ..hog.gradient import gray
 from ..io.files import check_folder
-from ..io.images import image_endings, limit_size, read_image
-from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ..io.images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
 
 
 @dataclass
 class Photographs:
-    """Photographs by name, in order.
+    """Photographs (H, W) by name, float32 in 0…1, gray by Eq. 1; why others could not be read, by name.
 
-    Attributes:
-        images: (H, W), float32 in 0…1, gray by Eq. 1.
-        failed: why an image file could not be read, by its name.
-        ignored: names of what is no image file by its ending.
+    What is no image file by its ending is ignored.
     """
 
     images: dict[str, Tensor] = field(default_factory=dict)
@@ -35,12 +31,8 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
 
     Files count as images if Pillow reads files of their ending.  Hidden files and folders are passed over, and so are
     all folders, noted as ignored, unless ``recursive``: then images below count, by names like ``chairs/1.png``, but
-    links to folders are not followed.
-
-    Args:
-        folder: where.
-        size: images are shrunk to at most so many pixels on the longer side; 0 leaves them as they are.
-        limit: only the first so many image files.
+    links to folders are not followed.  Images are shrunk to at most ``size`` pixels on the longer side (0: not at all),
+    the first ``limit`` of them.
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such folder.
@@ -54,7 +46,11 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none")
     result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
     for path in files[:limit]:
-        _read(path, _name(path, folder), size, result)
+        name = _name(path, folder)
+        try:
+            result.images[name] = _prepared(read_image(path), size)
+        except (OSError, ValueError) as error:
+            result.failed[name] = str(error).removeprefix(f"{path}: ")
     return result
 
 
@@ -66,13 +62,6 @@ def _entries(folder: Path, recursive: bool) -> Iterator[Path]:
             yield from _entries(entry, recursive)
         else:
             yield entry
-
-
-def _read(path: Path, name: str, size: int, result: Photographs) -> None:
-    try:
-        result.images[name] = _prepared(read_image(path), size)
-    except (OSError, ValueError) as error:
-        result.failed[name] = str(error).removeprefix(f"{path}: ")
 
 
 def sample_photographs(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from ..jobs.job_files import local_folder
+from ..jobs.worker import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object
 from ..pose.fit_box import fit_to_box, level_poses
@@ -24,13 +24,9 @@ from .baselines.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
 
 @dataclass(frozen=True, eq=False)
 class PoseInput:
-    """What a method is given: an object in an image, candidate models, and where to begin.
+    """What a method is given: the box of an object in an image (C, H, W), float32 in 0…1, and candidate models by name.
 
-    Attributes:
-        image: (C, H, W), C 1 or 3, float32 in 0…1.
-        box: of the object in the image; None if it is not known.
-        models: the candidates by name, at least one; the same mesh objects at each call in a process.
-        initial: azimuth and elevation to begin at, degrees; None if nothing is known.
+    Also the azimuth and elevation to begin at, degrees.  Box and these are None where they are not known.
     """
 
     image: Tensor
@@ -41,15 +37,9 @@ class PoseInput:
 
 @dataclass(frozen=True)
 class PoseOutcome:
-    """A method's pose, in the columns of :data:`nablahog.render.PARAMETERS`, and its best candidate.
+    """A method's pose (:data:`nablahog.render.PARAMETERS`), and its best candidate with the similarity to the image.
 
-    Attributes:
-        azimuth, elevation, theta: degrees.
-        distance: units of the mesh.
-        x, y: shift of the principal point, pixels.
-        focal: focal length of the camera, which sees the whole image, pixels.
-        model: the best candidate's name.
-        similarity: to the image.
+    The focal length, in pixels, is that of a camera that sees the whole image.
     """
 
     azimuth: float
@@ -65,12 +55,7 @@ class PoseOutcome:
 
 @dataclass(frozen=True)
 class Table2Settings:
-    """The settings of a whole run.
-
-    Attributes:
-        seed: of everything random.
-        exemplars: a folder to store the views' elements of models in; it does not influence the poses.
-    """
+    """The settings of a whole run: a seed, and a folder to store the elements of models in, which changes no pose."""
 
     seed: int = 0
     exemplars: Path | None = None

@@ -143,7 +143,7 @@ def scene(
     Args:
         index: number of the scene, at least 0.
         models: normalised meshes by name, of which one is drawn.
-        viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.paper.viewpoints.read_viewpoints`, of which
+        viewpoints: (N, 3) azimuth, elevation, theta, as :func:`~nablahog.paper.annotations.read_viewpoints`, of which
             one is drawn.
         photographs: clutter: gray (H, W) or (1, H, W), or R, G, B (3, H, W), in 0…1.
         seed: of the benchmark, at least 0.
@@ -174,14 +174,9 @@ def scene(
     image = compose(picture, coverage, box, photographs, settings, generator)
     if settings.jpeg[1]:
         image = compressed(image, round(generator.uniform(*settings.jpeg)))
-    return Scene(
-        model=name,
-        image=torch.from_numpy(image.astype(np.float32)),
-        box=_jitter(box, settings, generator),
-        pose=pose,
-        camera=camera,
-        initial=torch.tensor(initial, dtype=torch.float64),
-    )
+    pixels = torch.from_numpy(image.astype(np.float32))
+    jittered = _jitter(box, settings, generator)
+    return Scene(name, pixels, jittered, pose, camera, torch.tensor(initial, dtype=torch.float64))
 
 
 def _place(
@@ -233,18 +228,9 @@ def compose(
     settings: SceneSettings,
     generator: np.random.Generator,
 ) -> Floats:
-    """Composes the image: clutter behind the object, an occluder in front, then blur, exposure, gamma and noise.
+    """Composes the image (3, H, W): clutter behind the object, an occluder in front, blur, exposure, gamma and noise.
 
-    Args:
-        picture: (3, H, W), the object on black.
-        coverage: (H, W) in 0…1, of each pixel by the object and its shadow.
-        box: of the object, pixels.
-        photographs: clutter, as :func:`scene` takes it.
-        settings: its difficulty.
-        generator: of random numbers.
-
-    Returns:
-        (3, H, W), float64 in 0…1.
+    The picture (3, H, W) is the object on black, its coverage (H, W) is that of each pixel, with its shadow.
     """
     part = partial(_clutter, photographs, coverage.shape, settings, generator)
     image = picture + (1 - coverage) * part()
@@ -274,10 +260,7 @@ def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -
 
 
 def _clutter(
-    photographs: Sequence[Picture],
-    shape: tuple[int, ...],
-    settings: SceneSettings,
-    generator: np.random.Generator,
+    photographs: Sequence[Picture], shape: tuple[int, ...], settings: SceneSettings, generator: np.random.Generator
 ) -> Floats:
     """A random crop (3, H, W) of a photograph, rescaled, mirrored or not, of another contrast, tinted if gray."""
     photo = _checked(photographs[int(generator.integers(len(photographs)))])

@@ -2,31 +2,92 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from .methods import Method, Table1Settings
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from .. import metrics
+from ..io.images import as_array
+from ..jobs.store import JobResult, digest, key_of
+from ..runtime.cache import code_key
+from .methods import Method, MethodOutput, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
 from .photographs import Photographs
-from .reconstruction import ReconstructionJob
 from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "distance")
 SHOWN = 6  # images on the page
 
+Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not defined
+
+
+@dataclass(frozen=True)
+class ReconstructionJob:
+    """One method on one image, (H, W) float32 in 0…1."""
+
+    method: Method
+    image: NDArray[np.float32]
+    settings: Table1Settings
+
+    @property
+    def name(self) -> str:
+        """The name of the method."""
+        return self.method.name
+
+    def key(self) -> str:
+        """A hash of image, method, settings, and the code that makes the result."""
+        settings, method = self.settings, self.method
+        facts = {
+            "method": method.name,
+            "rows": method.rows,
+            "spec": None if method.spec is None else method.spec.to_json(),
+            "seed": settings.seed,
+            "max_evaluations": settings.max_evaluations,
+            "learned": [digest(path) for path in self.files()],
+            "code": code_key(ReconstructionJob, method.run),
+        }
+        return key_of(facts, self.image)
+
+    def files(self) -> list[Path]:
+        """The learned files that it reads."""
+        return [self.settings.learned[kind] for kind in self.method.needs if kind in self.settings.learned]
+
+    def run(self) -> JobResult:
+        """Runs the method and compares its outputs with the image: figures and a picture for each of its rows."""
+        began = time.perf_counter()
+        outputs = self.method.run(torch.from_numpy(self.image)[None, None], self.settings)
+        seconds = time.perf_counter() - began
+        if len(outputs) != len(self.method.rows):
+            raise TypeError(f"expected one output for each of {', '.join(self.method.rows)}, got {len(outputs)}")
+        pictures = np.stack([np.rint(as_array(one.image) * 255) for one in outputs])
+        return JobResult([_figures(one, self.image) for one in outputs], pictures.astype(np.uint8), seconds)
+
+    def fits(self, result: JobResult) -> bool:
+        """Whether there are figures and a picture of the image's size for each row."""
+        rows, pictures = len(self.method.rows), result.pictures
+        whole = pictures.shape == (rows, *self.image.shape) and pictures.dtype == np.uint8
+        return whole and len(result.figures) == rows
+
+
+def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
+    pair = output.image.detach(), reference
+    cc = metrics.cross_correlation(*pair)
+    values = (cc, abs(cc), metrics.mutual_information(*pair), metrics.ssim(*pair), metrics.psnr(*pair), output.distance)
+    # JSON knows no NaN and no infinity
+    return {name: value if np.isfinite(value) else None for name, value in zip(METRICS, values, strict=True)}
+
 
 @dataclass(frozen=True)
 class Line:
-    """A row of the table: ours and the paper's.
+    """A row of the table: statistics by metric, and the means that the paper prints.
 
-    Attributes:
-        row: the name of the row.
-        group: one of :data:`.names.GROUPS`.
-        statistics: by metric.
-        paper: published means by metric, None where there are none.
-        seconds: mean time for an image; None for levels and for methods that did not run.
+    ``seconds`` is the mean time for an image; None for levels and for methods that did not run.
     """
 
     row: str
@@ -38,12 +99,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Table1(Results):
-    """All of it.
-
-    Attributes:
-        methods: that ran.
-        photographs: that they ran on.
-    """
+    """The results of the methods that ran on some photographs."""
 
     methods: Sequence[Method]
     photographs: Photographs
@@ -51,12 +107,12 @@ class Table1(Results):
     def lines(self) -> list[Line]:
         """The table, group by group: the paper's baselines that did not run, then the methods that did."""
         ran = {method.name for method in self.methods}
-        result = []
+        lines = []
         for group in GROUPS:
             rows = [row for row in BASELINES.get(group, ()) if row not in ran]
             rows += [row for method in self.methods if method.group == group for row in method.rows]
-            result += [self._line(row, group) for row in rows]
-        return result
+            lines += [self._line(row, group) for row in rows]
+        return lines
 
     def _line(self, row: str, group: str) -> Line:
         figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})
@@ -74,18 +130,9 @@ class Table1(Results):
 def run_table1(
     folder: Path, photographs: Photographs, methods: Sequence[Method], settings: Table1Settings, **options: Any
 ) -> Table1:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """The table of some images, whose results are stored in ``folder``.
 
-    Args:
-        folder: for the results, which exists.
-        photographs: the images.
-        methods: the methods, of different names.
-        settings: for all of them.
-        options: ``workers`` and ``progress``, as there.
-
-    Raises:
-        ChildProcessError: worker processes do not start.
-        OSError: a result cannot be stored.
+    Further arguments and errors are those of :func:`nablahog.jobs.store.do_all`.
     """
     jobs = {
         (image, method.name): ReconstructionJob(method, pixels.numpy(), settings)

@@ -105,14 +105,7 @@ def _row(line: Line, figure: Callable[[Statistics], object], headings: Mapping[s
 
 
 def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence[str] = ()) -> str:
-    """The page.
-
-    Args:
-        table: what it shows.
-        settings: of the run.
-        origin: where the images are from, a sentence.
-        remarks: what else to know, whole sentences.
-    """
+    """The page; ``origin`` says where the images are from, ``remarks`` what else to know, in whole sentences."""
     ignored = table.photographs.ignored
     passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
     text = "These are in no figure above. A further run of the same settings tries them again."

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from ..hog.box import Box
+from ..io.images import as_array
+from ..jobs.store import JobResult, key_of
 from ..metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view
+from ..runtime.cache import code_key
 from .annotations import AnnotatedObject
 from .examples import Examples
+from .models import Model
 from .names import POSE_PUBLISHED
-from .pose_job import PoseJob
-from .pose_methods import PoseMethod, Table2Settings
+from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
 from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
 CRITERIA = {"interval": same_view, "threshold": near_view}
@@ -24,17 +31,68 @@ NO_POSE = 180.0  # degrees: the errors where a method has no pose
 SHOWN = 9  # objects whose pictures are kept for the page, as many as the paper shows
 
 
+@dataclass(frozen=True, eq=False)
+class PoseJob:
+    """One method on one object: a problem, whose image is an array (C, H, W), float32 in 0…1, and the settings."""
+
+    method: PoseMethod
+    image: NDArray[np.float32]
+    box: Box | None
+    models: tuple[Model, ...]
+    initial: tuple[float, float] | None
+    settings: Table2Settings
+
+    @property
+    def name(self) -> str:
+        """That of the method."""
+        return self.method.name
+
+    def key(self) -> str:
+        """A hash of the problem, the method, the settings, and the code that makes the result."""
+        facts = {
+            "method": self.method.name,
+            "box": self.box,
+            "models": [[model.name, model.digest()] for model in self.models],
+            "initial": self.initial,
+            "seed": self.settings.seed,
+            "code": code_key(PoseJob, self.method.run, *filter(None, [self.method.prepare])),
+        }
+        return key_of(facts, self.image)
+
+    def files(self) -> list[Path]:
+        """Those of the models."""
+        return [model.file for model in self.models if model.file is not None]
+
+    def run(self) -> JobResult:
+        """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation."""
+        meshes = {model.name: model.mesh() for model in self.models}
+        problem = PoseInput(torch.from_numpy(self.image), self.box, meshes, self.initial)
+        if self.method.prepare is not None:
+            self.method.prepare(problem, self.settings)
+        began = time.perf_counter()
+        outcome = self.method.run(problem, self.settings)
+        seconds = time.perf_counter() - began
+        figures = asdict(outcome)
+        if not all(math.isfinite(value) for value in figures.values() if not isinstance(value, str)):
+            raise ValueError(f"the pose is not finite: {figures}")
+        silhouette = np.rint(as_array(coverage(problem, outcome)).clip(0, 1) * 255)
+        return JobResult([figures], silhouette[None].astype(np.uint8), seconds)
+
+    def fits(self, result: JobResult) -> bool:
+        """Whether there is a pose, and a silhouette of the image's size."""
+        poses = [set(figures) == {field.name for field in fields(PoseOutcome)} for figures in result.figures]
+        pictures = result.pictures
+        return poses == [True] and pictures.shape == (1, *self.image.shape[1:]) and pictures.dtype == np.uint8
+
+
 @dataclass(frozen=True)
 class Line:
-    """A row of the table: ours and the paper's.
+    """A row of the table.
 
     Attributes:
-        method: its name.
-        accuracy: percent of the objects, by criterion and number of views.
-        error: of the azimuth in degrees, with the interval of the median.
-        rotation: likewise, of the whole rotation.
+        accuracy, paper: percent of the objects, ours by criterion and number of views, published by number of views.
+        error, rotation: of the azimuth and of the whole rotation in degrees, with the interval of the median.
         within: percent of the objects whose rotation is off by no more than each of :data:`WITHIN`.
-        paper: published accuracies in percent by the number of views.
         seconds: median time for an object; None if the method did not run, or has no pose.
     """
 
@@ -59,12 +117,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Table2(Results):
-    """All of it: figures are those of a :class:`.pose_methods.PoseOutcome`, pictures are silhouettes.
+    """The results of the methods that ran on some objects, and on the same or others under harder conditions, by name.
 
-    Attributes:
-        methods: that ran, each with the row of its name.
-        examples: that they ran on.
-        conditions: the same or other objects under harder conditions, by the condition's name.
+    Figures are those of a :class:`.pose_methods.PoseOutcome`, pictures are silhouettes.
     """
 
     methods: Sequence[PoseMethod]
@@ -89,28 +144,16 @@ class Table2(Results):
         """The rows of the methods that ran."""
         return [self._line(method.name) for method in self.methods]
 
-    def errors(self, method: str) -> NDArray[np.float64]:
-        """The errors of a method's azimuths in degrees, :data:`NO_POSE` where it has none, in the order of objects."""
-        figures = self.figures[method]
-        return np.array([error_of_azimuth(figures.get(each.name), each) for each in self.examples.objects])
-
-    def rotation_errors(self, method: str) -> NDArray[np.float64]:
-        """The errors of a method's rotations, as :meth:`errors`."""
-        figures = self.figures[method]
-        return np.array([error_of_rotation(figures.get(each.name), each) for each in self.examples.objects])
-
     def _line(self, name: str) -> Line:
         figures, clocks = self.figures.get(name, {}), self.seconds.get(name, {})
         objects = self.examples.objects if name in self.figures else []
+        poses = [(figures.get(each.name), each) for each in objects]
         accuracy = {
-            (criterion, views): statistics(
-                [100.0 * _right(criterion, views, figures.get(each.name), each) for each in objects]
-            )
+            (criterion, views): statistics([100.0 * _right(criterion, views, *each) for each in poses])
             for criterion in CRITERIA
             for views in VIEWS
         }
-        none: NDArray[np.float64] = np.empty(0)
-        errors, rotations = (self.errors(name), self.rotation_errors(name)) if objects else (none, none)
+        errors, rotations = ([error(*each) for each in poses] for error in (error_of_azimuth, error_of_rotation))
         within = {angle: statistics([100.0 * float(error <= angle) for error in rotations]) for angle in WITHIN}
         seconds = [clocks[each.name] for each in objects if each.name in clocks]
         return Line(
@@ -149,19 +192,12 @@ def run_table2(
     conditions: Mapping[str, Examples] | None = None,
     **options: Any,
 ) -> Table2:
-    """Runs what has no stored result yet, see :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """The table of some objects, and of others under harder conditions, by name; all objects have different names.
 
-    Args:
-        folder: for the results, which exists.
-        examples: the objects.
-        methods: the methods, of different names.
-        settings: for all of them.
-        conditions: objects under harder conditions, by name; all objects have different names.
-        options: ``workers`` and ``progress``, as there.
+    Results are stored in ``folder``; further arguments and errors are those of :func:`nablahog.jobs.store.do_all`.
 
     Raises:
-        ChildProcessError: worker processes do not start.
-        OSError: a result cannot be stored, or a model cannot be read.
+        OSError: a model cannot be read.
     """
     harder = conditions or {}
     everything = [each for of in (examples, *harder.values()) for each in of.objects]

@@ -9,7 +9,7 @@ from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
 from .annotations import AnnotatedObject
-from .conditions import CONDITIONS
+from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
 from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
@@ -110,7 +110,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
 
 
 def _row(line: Line) -> Mapping[str, object]:
-    row: dict[str, object] = {"method": line.method, "objects": line.accuracy["interval", VIEWS[0]].n}
+    row: dict[str, object] = {"method": line.method, "objects": line.error.n}
     for views in VIEWS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views}\xa0views\npaper"] = line.paper.get(views)

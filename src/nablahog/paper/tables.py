@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..io.files import write_text
-from ..jobs.resume import do_all
-from ..jobs.store import Job
+from ..jobs.store import Job, do_all
 from ..runtime.text import printable
 from ..viz.html import Cell, Section, figure
 
@@ -44,12 +43,7 @@ def statistics(
 
 
 def interval(values: NDArray[np.float64], of: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
-    """The 95 % percentile bootstrap interval of ``of(values)``, of :data:`RESAMPLES` resamples of fixed seed.
-
-    Args:
-        values: (n,), at least one.
-        of: such as ``np.median``: takes the (resamples, n) and ``axis=1``.
-    """
+    """The 95 % percentile bootstrap interval of ``of(values)``, of :data:`RESAMPLES` resamples of fixed seed."""
     resamples = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
     low, high = np.quantile(of(resamples, axis=1), (0.025, 0.975))
     return float(low), float(high)
@@ -66,13 +60,9 @@ class Failure:
 
 @dataclass(frozen=True)
 class Results:
-    """The results of all methods on all images.
+    """The results of all methods on all images: figures by row and image, seconds by method and image, failures.
 
-    Attributes:
-        figures: by row and image.
-        seconds: by method and image.
-        failures: images without a result.
-        pictures: by row and image, 8-bit (H, W), of the images that the page shows.
+    Pictures, by row and image, are 8-bit (H, W), of the images that the page shows.
     """
 
     figures: Mapping[str, Mapping[str, Mapping[str, Any]]]
@@ -89,14 +79,9 @@ def run(
     shown: Collection[str],
     **options: Any,
 ) -> Results:
-    """Runs the jobs without a stored result, as :func:`nablahog.jobs.resume.do_all`, and collects all results.
+    """The results of jobs, by image and method, as :func:`nablahog.jobs.store.do_all` does them.
 
-    Args:
-        folder, options: as there.
-        jobs: by image and method.
-        rows: the rows of each method.
-        failed: why images could not be read, by name.
-        shown: the images to keep the pictures of.
+    Each method has its rows.  ``failed`` says why images could not be read, ``shown`` of which to keep the pictures.
     """
     failures = [Failure(image, None, reason) for image, reason in failed.items()]
     figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for of_method in rows.values() for row in of_method}
@@ -149,12 +134,6 @@ def how_many_failed(failures: Sequence[Failure]) -> str:
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:
-    """A section that lists the failures.
-
-    Args:
-        failures: of the run.
-        image: the heading of their images.
-        text: what they mean for the figures.
-    """
+    """A section that lists the failures, with a heading of their images, and what they mean for the figures."""
     rows = [{image: each.image, "method": each.method or "all", "reason": each.reason} for each in failures]
     return Section(f"Failed: {len(rows)}", text, table=rows)

@@ -16,27 +16,22 @@ from ..hog.box import Box
 from ..io.files import check_file
 from ..runtime.text import one_line
 
+FLAWS = ("difficult", "occluded", "truncated")
 MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
 MAX_LIST_BYTES = 2**26  # of a list of images
 
 
 @dataclass(frozen=True)
 class VOCObject:
-    """An annotated object.
+    """An annotated object: its category, such as "chair", and its box in pixels.
 
-    Attributes:
-        category: such as "chair".
-        box: where, in pixels.
-        truncated: it extends beyond the image or the box.
-        occluded: something is in front of it; False where the file does not say, as in the oldest.
-        difficult: not counted in evaluations.
+    A flaw is the first of "difficult" (not counted in evaluations), "occluded" and "truncated" (it extends beyond the
+    image or the box) that the file says of it; None if it says none of them.
     """
 
     category: str
     box: Box
-    truncated: bool
-    occluded: bool
-    difficult: bool
+    flaw: str | None
 
 
 def check_voc(voc: Path) -> None:
@@ -47,12 +42,7 @@ def check_voc(voc: Path) -> None:
 
 
 def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
-    """Reads the images of a split with a category: ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
-
-    Args:
-        voc: the folder ``VOC2012``.
-        category: as "chair".
-        split: as "val".
+    """The images of a split with a category: of ``CATEGORY_SPLIT.txt``, or all of ``SPLIT.txt`` if it is missing.
 
     Raises:
         FileNotFoundError: both are missing.
@@ -83,10 +73,7 @@ class _NoDocumentType(ElementTree.TreeBuilder):
 
 
 def read_annotation(path: Path) -> list[VOCObject]:
-    """Reads the objects of an annotation file, in its order; their parts are ignored.
-
-    Args:
-        path: of the XML file.
+    """The objects of an annotation file (XML), in its order; their parts are ignored.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -115,7 +102,7 @@ def _object(element: ElementTree.Element) -> VOCObject:
     return VOCObject(
         (element.findtext("name") or "").strip(),
         half_open(*_sides(element)),
-        **{flag: (element.findtext(flag) or "").strip() == "1" for flag in ("truncated", "occluded", "difficult")},
+        next((flaw for flaw in FLAWS if (element.findtext(flaw) or "").strip() == "1"), None),
     )
 
 

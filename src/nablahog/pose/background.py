@@ -13,8 +13,7 @@ from ..hog.descriptor import steps
 from ..hog.gradient import gray
 from ..hog.presets import as_spec, aubry
 from ..hog.spec import HOGSpec
-from ..io.images import limit_size
-from ..io.sample_photographs import SAMPLE_NAMES, sample_photograph
+from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .options import ORDER
 from .whitening import Background, check_spec
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from ..runtime.threads import in_threads
+from ..runtime.pytorch import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
 from .confidence import confidence
 from .evidence import at_azimuths, azimuth_evidence

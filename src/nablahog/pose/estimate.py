@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
-from ..io.exif import exif_focal
+from ..io.images import exif_focal
 from ..render import Mesh
 from .best_search import best_search
 from .crop import check_photograph, crop_object, masked, typical_camera
@@ -75,7 +75,7 @@ def estimate_pose(
         within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all: the
             initial azimuth has no influence.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
-            the EXIF data of a PIL image says, as :func:`nablahog.io.exif.read_exif_focal`; by default such that an
+            the EXIF data of a PIL image says, as :func:`nablahog.io.images.read_exif_focal`; by default such that an
             object that fills its box is seen from three of its diagonals.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Beside it objects look stretched, which the search takes into account.

@@ -16,7 +16,7 @@ from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
 from ..render.simplify import simplify
-from ..runtime.source import code_key
+from ..runtime.cache import code_key
 from .background import coarse_background
 from .crop import DISTANCE, FILL, SIDE, downsampled
 from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, hull, level_poses

@@ -8,13 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar, Literal, TypeAlias
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
-from ..io.learned_model import INTEGER, SPEC, LearnedModel, account, tensor
-from ..io.network_weights import check_weights, with_weights
+from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, check_weights, with_weights
 from .background import coarse_background
 from .fit_box import VIEW_COUNT
 
@@ -106,7 +104,7 @@ class ViewpointPrior(LearnedModel):
     ARRAYS: ClassVar = {
         "spec": SPEC,
         "width": INTEGER,
-        "weights": tensor(np.float16),
+        "weights": TENSOR,
         "learning": account(ViewpointLearning),
     }
 

@@ -23,7 +23,7 @@ from torch.nn.functional import pad
 
 from .. import native
 from ..hog.spec import HOGSpec
-from ..io.learned_model import NUMBER, SPEC, TEXTS, LearnedModel, check_tensor, tensor
+from ..io.learned_model import NUMBER, SPEC, TENSOR, TEXTS, LearnedModel, check_tensor
 
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
 _REACH = 48  # cells of a torus on which the inverse of Σ decays; windows of objects have fewer
@@ -59,8 +59,8 @@ class Background(LearnedModel):
     NOUN = "background"
     ARRAYS: ClassVar = {
         "spec": SPEC,
-        "mean": tensor(np.float64),
-        "covariance": tensor(np.float64),
+        "mean": TENSOR,
+        "covariance": TENSOR,
         "images": TEXTS,
         "regularization": NUMBER,
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import DTypeLike
 
-from ..io.npz import check_format, naming, read_arrays, text, write_arrays
+from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
 from .mesh import Mesh
 
 FILE = Path(__file__).parents[1] / "io" / "chairs.npz"

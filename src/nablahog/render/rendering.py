@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
-from ..runtime.threads import share_out
+from ..runtime.pytorch import share_out
 from .camera import Camera
 from .mesh import Mesh
 from .pipeline import render_torch

@@ -57,10 +57,6 @@ def names_when_used(package: str, **modules: Iterable[str]) -> None:
     Where a name is also that of a module of the package, the name wins, in whatever order things are imported:
     ``nablahog.hog`` is the function, and the package is reached by ``from nablahog.hog import …``.  The function
     has the modules of the package that are loaded, so that ``import nablahog.hog.kernels as kernels`` works, too.
-
-    Args:
-        package: its ``__name__``, from its ``__init__.py``.
-        modules: by the names of modules of the package, the names that they define.
     """
     this = sys.modules[package]
     this.__dict__["_homes"] = {name: module for module, names in modules.items() for name in names}

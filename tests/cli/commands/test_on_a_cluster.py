@@ -17,9 +17,8 @@ from nablahog.cli.commands import hog_dataset
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
-from nablahog.jobs import calls, resume
-from nablahog.jobs.store import Work
-from nablahog.jobs.worker import attempt
+from nablahog.jobs import runner, store
+from nablahog.jobs.worker import Work, attempt
 from nablahog.pose.whitening import Background
 
 from ..common import FAST, SMALL, names
@@ -42,7 +41,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
             jobs_sent.append(jobs[index])
             yield index, pickle.loads(pickle.dumps(attempt(pickle.loads(pickle.dumps(jobs[index])))))
 
-    for module in (resume, calls):
+    for module in (store, runner):
         monkeypatch.setattr(module, "run_anywhere", run)
     return jobs_sent
 

@@ -18,8 +18,8 @@ from PIL import ExifTags, Image
 from nablahog.cli.main import main
 from nablahog.cli.results import pose_job
 from nablahog.io.images import write_image
-from nablahog.jobs import resume
-from nablahog.paper.object_lists import read_objects
+from nablahog.jobs import runner
+from nablahog.paper.lists import read_objects
 from nablahog.render import Mesh, load_mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
@@ -317,8 +317,8 @@ def test_a_run_is_resumed(tmp_path: Path, photos: Path, monkeypatch: pytest.Monk
     assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
     first = (tmp_path / "out" / "poses.json").read_bytes()
     done: list[int] = []
-    run = resume.run_jobs
-    monkeypatch.setattr(resume, "run_jobs", lambda jobs, **options: done.append(len(jobs)) or run(jobs, **options))
+    run = runner.run_jobs
+    monkeypatch.setattr(runner, "run_jobs", lambda jobs, **options: done.append(len(jobs)) or run(jobs, **options))
     assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
     assert (tmp_path / "out" / "poses.json").read_bytes() == first
     (photos / "b.png").write_bytes((photos / "a.png").read_bytes())

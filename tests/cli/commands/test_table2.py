@@ -13,8 +13,8 @@ from PIL import Image
 from torch import Tensor
 
 from nablahog.cli.main import main
-from nablahog.paper import pose_job
-from nablahog.paper.conditions import CONDITIONS
+from nablahog.paper import table2
+from nablahog.paper.examples import CONDITIONS
 from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 from ...paper import test_pascal3d
@@ -50,7 +50,7 @@ def fast(here: None, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, method in list(POSE_METHODS.items()):
         run = _none if name == "exemplar" else _guess
         monkeypatch.setitem(POSE_METHODS, name, PoseMethod(name, method.about, run))
-    monkeypatch.setattr(pose_job, "coverage", _box)
+    monkeypatch.setattr(table2, "coverage", _box)
 
 
 @pytest.fixture

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
@@ -52,7 +49,6 @@ def test_the_preset_is_the_networks_dialect(cell_size: int, orientations: int, b
     """False edges and missing blocks included.  The network measures angles by an arccosine of 1 - 1e-7 at most."""
     net = CNNHOG(cell_size, orientations, bilinear=bilinear)
     image = textured(2, 1, 6 * cell_size, 5 * cell_size, seed=orientations)
-    assert net.channels == presets.cnn_hog(orientations=orientations).channels
     tolerance = 1e-4 if bilinear else 1e-6
     torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=tolerance)
 
@@ -112,11 +108,9 @@ def photographs() -> Tensor:
 def test_inverts(photographs: Tensor, bilinear: bool) -> None:
     net = CNNHOG(8, bilinear=bilinear)
     descriptor = net.descriptor(photographs)
-    steps: list[tuple[int, int]] = []
-    result = net.reconstruct(descriptor, (48, 48), seed=1, progress=lambda done, total: steps.append((done, total)))
+    result = net.reconstruct(descriptor, seed=1)
     assert result.image.shape == (2, 1, 48, 48)
     assert (float(result.image.min()), float(result.image.max())) == (0, 1)
-    assert steps == [(done, 800) for done in range(1, 801)]
     assert result.history.shape == (800, 2)
     assert result.evaluations.tolist() == [800, 800]
     for image, photograph in zip(result.image, photographs, strict=True):
@@ -135,28 +129,8 @@ def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeyp
     assert not torch.equal(one.image, net.reconstruct(descriptor[1:], seed=1).image)
 
 
-@pytest.mark.parametrize(
-    ("image", "error", "message"),
-    [
-        (np.zeros((1, 1, 16, 16)), TypeError, "the image must be a floating-point tensor, got ndarray"),
-        (torch.zeros(1, 1, 16, 20), ValueError, "whole cells of 8 pixels, at least two each way, got 16x20 pixels"),
-        (torch.full((1, 1, 16, 16), math.nan), ValueError, "the image must be finite, got NaN or Inf"),
-    ],
-)
-def test_refuses_images(image: Any, error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        CNNHOG().descriptor(image)
-
-
-@pytest.mark.parametrize(
-    ("descriptor", "size", "error", "message"),
-    [
-        (torch.ones(1, 2, 2, 30), None, ValueError, r"shape \(B, rows, cols, 27\)"),
-        (torch.ones(1, 2, 2, 27), (16, 24), ValueError, r"16x16 pixels, got image size \(16, 24\)"),
-        (torch.full((1, 2, 2, 27), math.inf), None, ValueError, "the descriptor must be finite, got NaN or Inf"),
-        (torch.zeros(1, 2, 2, 27), None, ValueError, "the descriptor must not be zero"),
-    ],
-)
-def test_refuses_descriptors(descriptor: Any, size: Any, error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        CNNHOG().reconstruct(descriptor, size)
+def test_refusals() -> None:
+    with pytest.raises(ValueError, match="whole cells of 8 pixels, at least two each way, got 16x20 pixels"):
+        CNNHOG().descriptor(torch.zeros(1, 1, 16, 20))
+    with pytest.raises(ValueError, match="the descriptor must not be zero"):
+        CNNHOG().reconstruct(torch.zeros(1, 2, 2, 27))

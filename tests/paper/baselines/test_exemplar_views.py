@@ -14,7 +14,7 @@ from torch.nn.functional import conv2d
 from torch.testing import assert_close
 
 from nablahog.hog import hog
-from nablahog.io.sample_photographs import sample_photograph
+from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar_views as learning
 from nablahog.paper.baselines.exemplar_views import (
     CELL,

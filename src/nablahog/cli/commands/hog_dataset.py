@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...hog import HOGSpec
 from ...io.images import image_endings
-from ...jobs.resume import run_anywhere
-from ...jobs.runner import cores
+from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
+from ...jobs.worker import cores
 from ..arguments.options import SIZE
 from ..errors import SOME_SKIPPED, UserError, as_user_error
 from ..inputs.expand import expand

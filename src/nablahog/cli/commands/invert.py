@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 
 from ...io.files import output_folder, write_text
-from ...jobs.resume import do_all
+from ...jobs.store import do_all
 from ..errors import Skipping, UserError, as_user_error, forbid_overwrite
 from ..inputs.prior import NO_PRIOR, PriorOptions
 from ..inputs.sources import Source, read_inputs

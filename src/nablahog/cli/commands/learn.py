@@ -11,7 +11,7 @@ import torch
 from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
-from ...jobs.calls import map_on
+from ...jobs.runner import map_on
 from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...pose.background import learn_background, least_size

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from ...hog.box import Box
 from ...io.files import check_folder, output_folder
-from ...jobs.resume import do_all
-from ...jobs.runner import cores
-from ...jobs.store import JobResult
+from ...jobs.store import JobResult, do_all
+from ...jobs.worker import cores
+from ...paper.lists import ListedObject, read_objects
 from ...paper.models import Models, read_models
-from ...paper.object_lists import ListedObject, read_objects
 from ...render.axes import axes
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, as_json, names, rows, write

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...io.files import output_folder, write_text
-from ...jobs.runner import cores
+from ...jobs.worker import cores
 from ...paper import table1_page, table2_page
 from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose

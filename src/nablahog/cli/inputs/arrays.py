@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 from ...hog import HOGSpec
-from ...io.arrays import read_array
-from ...io.descriptor_file import StoredDescriptor
-from ...io.layouts import Fit, fit, is_row, shapes, stored
-from ...io.npz import naming
+from ...io.arrays import naming, read_array
+from ...io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
 from ..arguments.preset_parameters import PRESETS, as_text, window_of
 from .spec import SpecOptions, make_spec
 

@@ -10,13 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...io.sample_photographs import SAMPLE_NAMES, sample_photograph
-from ...paper.annotations import read_annotations
-from ...paper.conditions import CONDITIONS
-from ...paper.examples import Examples, photographed, rendered
+from ...io.images import SAMPLE_NAMES, sample_photograph
+from ...paper.annotations import read_annotations, read_viewpoints, sample_viewpoints
+from ...paper.examples import CONDITIONS, Examples, photographed, rendered
 from ...paper.models import chair_library, models_in, scene_chairs
 from ...paper.pascal3d import read_pascal3d
-from ...paper.viewpoints import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 
 VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them

@@ -11,10 +11,10 @@ import torch
 
 from ...invert import LearnedPrior
 from ...invert.learned import PriorChoice
-from ...jobs.job_files import local_path
 from ...jobs.store import JobResult, digest, key_of
+from ...jobs.worker import local_path
 from ...paper.learned import load
-from ...runtime.source import code_key
+from ...runtime.cache import code_key
 from ..inputs.prior import PriorOptions
 from ..inputs.sources import Source
 from .inversion import Inversion, InversionOptions, invert_batch

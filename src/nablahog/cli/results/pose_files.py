@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...io.files import write_text
 from ...jobs.store import JobResult
-from ...paper.object_lists import ListedObject
+from ...paper.lists import ListedObject
 from ...pose import PoseEstimate
 from ...render import PARAMETERS
 from ...viz import html
@@ -152,7 +152,7 @@ def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float)
 
 
 def as_csv(objects: Sequence[PosedObject]) -> str:
-    """A line for each object, which :func:`nablahog.paper.object_lists.read_objects` reads again.
+    """A line for each object, which :func:`nablahog.paper.lists.read_objects` reads again.
 
     m00 … m23 are the upper three rows of the matrix, row by row.
     """

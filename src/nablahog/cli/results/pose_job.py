@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ...io.exif import read_exif_focal
-from ...io.images import read_image
-from ...jobs.job_files import local_path
+from ...io.images import read_exif_focal, read_image
 from ...jobs.store import JobResult, digest, key_of
-from ...paper.object_lists import ListedObject
+from ...jobs.worker import local_path
+from ...paper.lists import ListedObject
 from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod
 from ...render import Mesh, load_mesh, sample_chairs
-from ...runtime.source import code_key
+from ...runtime.cache import code_key
 from .pose_files import pose_figures
 from .pose_page import close_up, pose_page
 

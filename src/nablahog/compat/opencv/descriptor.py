@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...runtime.threads import in_threads
+from ...runtime.pytorch import in_threads
 from . import arguments
 from .arguments import Locations, Size
 from .grouping import Rectangles, Weights, clip, group_by_mean_shift, group_rectangles

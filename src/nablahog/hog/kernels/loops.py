@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ... import native
-from ...runtime.threads import share_out
+from ...runtime.pytorch import share_out
 from ..spec import HOGSpec
 from .plan import NormPlan, Plan
 

@@ -2,10 +2,8 @@
 
 Kato and Harada, *Image Reconstruction from Bag-of-Visual-Words* (CVPR 2014): local descriptors on a regular grid of one
 scale are quantised to visual words, and only the histogram of these words is known of an image.  A database of images
-tells the cost of a word at a place and of two words as neighbours.  A heuristic finds an arrangement of low cost.
-:func:`.bovw_learning.learn_bovw` makes the vocabulary and the database.
-
-This much is in the abstracts.  The rest is ours:
+tells the cost of a word at a place and of two words as neighbours.  A heuristic finds an arrangement of low cost.  This
+much is in the abstracts; the rest is ours:
 
 * The descriptor is SIFT in windows of 4x4 cells of 8 pixels, one at each cell (:mod:`.dense_sift`).  Windows without
   contrast are one word.
@@ -19,36 +17,37 @@ This much is in the abstracts.  The rest is ours:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...invert.checks import check_finite, check_floats
-from ...invert.provenance import Learning
+from ...invert.provenance import Learning, check_images, digest_of_images
 from ...invert.reconstruction import Reconstruction
-from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor
+from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 
+WORDS = 500
+CELL = 8  # pixels of a cell's side
+PATCH = 40  # pixels of a patch's side
+WINDOWS = 50_000  # to cluster
+ROUNDS = 20  # of k-means
 LARGEST = 1 + 1e-5  # entry of a word, whose length is at most 1, up to rounding
 BATCH = 16  # images that are described or rendered at a time
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoVWLearning(Learning):
-    """How a vocabulary was learned.  Each image counts twice, the second time mirrored.
-
-    Attributes:
-        words: the number asked for; words that no window belongs to are left out.
-        windows: how many were clustered.
-        rounds: of k-means.
-    """
+    """How a vocabulary was learned: the number of words asked for, of windows clustered, and of rounds of k-means."""
 
     words: int
     windows: int
@@ -60,23 +59,20 @@ class BoVW(LearnedModel):
     """A codebook of visual words, a gray patch for each, and a database of their arrangements.
 
     Attributes:
-        vocabulary: (K, 128), float32, the codebook: a descriptor for each word.
+        vocabulary: (K, 128), float32, a descriptor for each word.
         patches: (K, size, size), float32 in 0…1, a gray patch for each word, with the window in its middle.
         database: (N, rows, cols), int16, the words of images.
         image_size: (height, width) of all images.
         cell: of the descriptor, in pixels.
         learning: how it was learned.
-
-    Raises:
-        ValueError: these contradict each other, or hold NaN, Inf or values out of range.
     """
 
     KIND = "BoVW model"
     NOUN = "vocabulary"
     ARRAYS: ClassVar = {
-        "vocabulary": tensor(np.float32),
-        "patches": tensor(np.float32),
-        "database": tensor(np.int16),
+        "vocabulary": TENSOR,
+        "patches": TENSOR,
+        "database": TENSOR,
         "image_size": integers(2),
         "cell": INTEGER,
         "learning": account(BoVWLearning),
@@ -105,109 +101,70 @@ class BoVW(LearnedModel):
     def summary(self) -> str:
         return f"{len(self.vocabulary)} words, {len(self.learning.images)} images"
 
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Rows and columns of the words of an image."""
-        return sift_grid(*self.image_size, self.cell)
-
     def words(self, image: Tensor) -> Tensor:
-        """The nearest word of each window: images (B, 1, H, W) in 0…1, float32 or float64, to (B, rows, cols).
+        """The nearest word of each window: images (B, 1, H, W) in 0…1 to (B, rows, cols).
 
         Raises:
-            TypeError: the images are no tensor, or of another dtype.
-            ValueError: their shape or size is another, or they hold NaN or other values.
+            ValueError: they have another size than those that were learned from.
         """
-        check_floats("the images", image)
-        expected = (1, *self.image_size)
-        if image.dim() != 4 or image.shape[1:] != expected or not len(image):
-            raise ValueError(f"the images must have shape {('B', *expected)}, B at least 1, got {tuple(image.shape)}")
-        if not ((image >= 0) & (image <= 1)).all():
-            raise ValueError("the images must lie in 0…1, got NaN or other values")
-        vocabulary = self.vocabulary.to(image.device)
-        descriptors = (dense_sift(batch.float(), self.cell) for batch in batches(image.detach()))
-        return torch.cat([nearest_words(batch, vocabulary) for batch in descriptors])
+        if image.shape[1:] != (1, *self.image_size):
+            expected, got = ("x".join(map(str, size)) for size in (self.image_size, image.shape[2:]))
+            raise ValueError(f"the words were learned from images of {expected} pixels (height x width), got {got}")
+        descriptors = (dense_sift(batch.float(), self.cell) for batch in torch.split(image, BATCH))
+        return torch.cat([nearest_words(batch, self.vocabulary) for batch in descriptors])
 
     def histogram(self, image: Tensor) -> Tensor:
-        """The histogram of the words of images (B, 1, H, W): (B, K), float32.  The descriptor that is inverted.
-
-        Raises:
-            TypeError, ValueError: as :meth:`words`.
-        """
-        words = self.words(image).flatten(1)
-        counts = torch.zeros(len(words), len(self.vocabulary), device=words.device)
-        return counts.scatter_add_(1, words, torch.ones_like(words, dtype=counts.dtype))
+        """The histogram of the words of images (B, 1, H, W): (B, K), float32.  The descriptor that is inverted."""
+        counts = [torch.bincount(words.flatten(), minlength=len(self.vocabulary)) for words in self.words(image)]
+        return torch.stack(counts).float()
 
     def render(self, words: Tensor) -> Tensor:
         """Images (B, 1, H, W) in 0…1, float32, of the patches of words (B, rows, cols)."""
         size = self.patches.shape[-1]
         tent = 1 - ((torch.arange(size) + 0.5) * (2 / size) - 1).abs()
         weights = torch.outer(tent, tent)
-        rows, cols = self.grid
+        rows, cols = words.shape[1:]
         canvas = ((rows - 1) * self.cell + size, (cols - 1) * self.cell + size)
         ones = weights.reshape(1, -1, 1).expand(-1, -1, rows * cols)
         total_weight = fold(ones, canvas, size, stride=self.cell)
         weighted = (self.patches * weights).flatten(1)
         images = [
-            fold(weighted[batch.cpu().flatten(1)].mT, canvas, size, stride=self.cell) / total_weight
-            for batch in batches(words)
+            fold(weighted[batch.flatten(1)].mT, canvas, size, stride=self.cell) / total_weight
+            for batch in torch.split(words, BATCH)
         ]
         margin = (size - CELLS * self.cell) // 2
         down, across = (
             (torch.arange(side) + margin).clamp(max=end - 1) for side, end in zip(self.image_size, canvas, strict=True)
         )  # beyond the last whole cell the edge is repeated
-        return torch.cat(images)[..., down[:, None], across].clamp(0, 1).to(words.device)
+        return torch.cat(images)[..., down[:, None], across].clamp(0, 1)
 
     @torch.no_grad()
-    def reconstruct(
-        self,
-        histogram: Tensor,
-        image_size: tuple[int, int] | None = None,
-        *,
-        seed: int = 0,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Reconstruction:
-        """Images from histograms of visual words alone.  Images of a batch do not depend on each other.
+    def reconstruct(self, histogram: Tensor, *, seed: int = 0) -> Reconstruction:
+        """Images from histograms (B, K) of :meth:`histogram` alone.  Images of a batch do not depend on each other.
 
-        Args:
-            histogram: (B, K), float32 or float64, on any device: counts of :meth:`histogram`.  Computed on the CPU.
-            image_size: (height, width), which must be the vocabulary's.
-            seed: of the order in which swaps are tried, the same for every image of the batch.
-            progress: called with the images done and their number.
-
-        Returns:
-            Images in 0…1; their distance is that of their own histogram.  The history is (sweeps + 1, B), float64: the
-            cost of the arrangement before and after each sweep over all pairs of places.  Evaluations are sweeps.
-
-        Raises:
-            TypeError: the histogram is no float32 or float64 tensor.
-            ValueError: its shape is another, it holds NaN, Inf or what is no count, or not one word for each place; the
-                image size is not the vocabulary's.
+        Their distance is that of their own histogram.  The history is (sweeps + 1, B), float64: the cost of the
+        arrangement before and after each sweep over all pairs of places.  Evaluations are sweeps.
         """
         began = time.perf_counter()
-        self._check(histogram, image_size)
-        target = histogram.detach().cpu().double()
+        target = histogram.double()
         words, histories, reasons = [], [], []
-        for done, counts in enumerate(target):
-            if progress:
-                progress(done, len(target))
+        for counts in target:
             to_place = np.repeat(np.arange(len(counts)), counts.long().numpy())
             location = self._costs.location(counts.numpy())
             arrangement, history, settled = arrange(to_place, location, self._costs, np.random.default_rng(seed))
             words.append(torch.from_numpy(arrangement))
             histories.append(history)
             reasons.append("no swap of two words lowers the cost" if settled else "all sweeps are used up")
-        if progress:
-            progress(len(target), len(target))
         image = self.render(torch.stack(words))
         residual = (self.histogram(image).double() - target).norm(dim=1)
         longest = max(map(len, histories))
         costs = [history + [history[-1]] * (longest - len(history)) for history in histories]
         return Reconstruction(
-            image.to(histogram),
+            image,
             (residual / target.norm(dim=1)).to(histogram),
             reasons,
-            torch.tensor(costs, dtype=torch.float64, device=histogram.device).T,
-            torch.tensor([len(history) - 1 for history in histories], device=histogram.device),
+            torch.tensor(costs, dtype=torch.float64).T,
+            torch.tensor([len(history) - 1 for history in histories]),
             time.perf_counter() - began,
         )
 
@@ -215,31 +172,9 @@ class BoVW(LearnedModel):
     def _costs(self) -> Costs:
         return Costs(self.database.numpy().astype(np.int64), self.vocabulary.numpy().astype(np.float64))
 
-    def _check(self, histogram: Tensor, image_size: tuple[int, int] | None) -> None:
-        check_floats("the histogram", histogram)
-        words, places = len(self.vocabulary), self.grid[0] * self.grid[1]
-        if histogram.dim() != 2 or histogram.shape[1] != words or not len(histogram):
-            raise ValueError(f"the histogram must have shape (B, {words}), B at least 1, got {tuple(histogram.shape)}")
-        if image_size is not None and tuple(image_size) != self.image_size:
-            raise ValueError(
-                f"the words were learned from images of {self.image_size[0]}x{self.image_size[1]} pixels "
-                f"(height x width), and cannot make one of {image_size[0]}x{image_size[1]}"
-            )
-        check_finite("the histogram", histogram)
-        if not ((histogram >= 0) & (histogram == histogram.round())).all():
-            raise ValueError("the histogram must hold counts, whole numbers of at least 0")
-        wrong = histogram.sum(1) != places
-        if wrong.any():
-            counted = float(histogram.sum(1)[wrong][0])
-            raise ValueError(f"the histogram must count one word for each of the {places} places, got {counted:g}")
-
 
 def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
-    """Rows and columns of the words of an image, at least two words in all.
-
-    Raises:
-        ValueError: cell and image size make fewer.
-    """
+    """Rows and columns of the words of an image; ValueError if there are fewer than two words in all."""
     if cell < 1:
         raise ValueError(f"a cell must have at least 1 pixel, got {cell}")
     rows, cols = sift_grid(*image_size, cell)
@@ -257,12 +192,105 @@ def check_patch(size: int, cell: int) -> None:
         raise ValueError(f"a patch must be {CELLS * cell} pixels wide, or an even number more, got {size}")
 
 
-def batches(tensor: Tensor) -> tuple[Tensor, ...]:
-    """Its rows, a few at a time."""
-    return torch.split(tensor, BATCH)
-
-
 def nearest_words(descriptors: Tensor, vocabulary: Tensor) -> Tensor:
     """The index (…) of the word (K, n) that is nearest to each descriptor (…, n)."""
     squared = vocabulary.square().sum(1)
     return (squared - 2 * descriptors @ vocabulary.T).argmin(dim=-1)
+
+
+@torch.no_grad()
+def learn_bovw(
+    images: Mapping[str, Tensor],
+    *,
+    words: int = WORDS,
+    cell: int = CELL,
+    patch: int = PATCH,
+    seed: int = 0,
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None,
+    map_function: Callable[..., Iterable[Any]] = map,
+) -> BoVW:
+    """Learns visual words from photographs.  These, and their mirror images, are also the database.
+
+    The codebook is that of k-means on windows with contrast, drawn at random; all without contrast are one more word.
+    Words that no window belongs to are left out.  On another processor, or with another number of threads, the result
+    also depends on rounding, which k-means may amplify.
+
+    Args:
+        images: (H, W), float32 in 0…1, all of one size, by name.
+        words: the size of the codebook, 2 … 32,767.
+        cell: of the descriptor, in pixels; a window of 4x4 cells begins at each cell.
+        patch: pixels of a patch's side: that of a window, or an even number more.
+        seed: of everything random.
+        progress: called with the steps done, their number and what is being done.
+        map_function: as ``map``, of one or two iterables; may run in other processes.
+
+    Raises:
+        ValueError: images or numbers are not as above, or fewer windows have contrast than there are to be words.
+    """
+    if not 2 <= words <= np.iinfo(np.int16).max:
+        raise ValueError(f"words must be 2 … {np.iinfo(np.int16).max}, got {words}")
+    names = check_images(images)
+    height, width = images[names[0]].shape
+    for name in names:
+        if images[name].shape != (height, width):
+            sizes = f"{names[0]} has {height}x{width} pixels, {name} {'x'.join(map(str, images[name].shape))}"
+            raise ValueError(f"expected images of one size, but {sizes}")
+    check_grid((height, width), cell)
+    check_patch(patch, cell)
+    steps = ROUNDS + 2
+    progress(0, steps, "describing the windows")
+    photographs = torch.stack([images[name] for name in names]).unsqueeze(1)
+    mirrored_too = torch.cat([photographs, photographs.flip(3)])
+    descriptors = torch.cat(list(map_function(partial(dense_sift, cell=cell), torch.split(mirrored_too, BATCH))))
+    windows = descriptors.flatten(0, 2)
+    windows = windows[windows.any(dim=1)]
+    count = len(windows)
+    if count < words - 1:
+        raise ValueError(f"expected at least {words - 1} windows with contrast to find {words} words, got {count}")
+    drawn = windows.numpy()[np.random.default_rng(seed).permutation(count)[:WINDOWS]]
+    means = _kmeans(drawn, words - 1, lambda done: progress(1 + done, steps, "clustering the windows"))
+    vocabulary = torch.cat([torch.zeros(1, LENGTH), torch.from_numpy(means)])
+    progress(steps - 1, steps, "averaging the patches of the words")
+    assign = partial(_words_and_patches, vocabulary=vocabulary, cell=cell, size=patch)
+    of_images, total = [], torch.zeros(())
+    batches = torch.split(mirrored_too, BATCH), torch.split(descriptors, BATCH)
+    for words_of_batch, patches in map_function(assign, *batches):
+        of_images.append(words_of_batch)
+        total = total + patches
+    used, database = torch.unique(torch.cat(of_images), return_inverse=True)
+    mean = total[used] / torch.bincount(database.flatten(), minlength=len(used)).unsqueeze(1)
+    patches = mean.float().clamp(0, 1).reshape(len(used), patch, patch)
+    progress(steps, steps, f"{len(used)} words")
+    source = {"images": tuple(names), "sha256": digest_of_images(images), "seed": seed}
+    learning = BoVWLearning(**source, words=words, windows=len(drawn), rounds=ROUNDS)  # type: ignore[arg-type]
+    return BoVW(vocabulary[used], patches, database.short(), (height, width), cell, learning)
+
+
+def _kmeans(windows: NDArray[np.float32], words: int, progress: Callable[[int], None]) -> NDArray[np.float32]:
+    """The means (words, n) of k-means on windows (N, n), which begins with the first of them."""
+    means = windows[:words]
+    for done in range(ROUNDS):
+        progress(done)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a mean without windows stays; its word is left out in the end
+            means, _ = kmeans2(windows, means, iter=1, minit="matrix")
+    return means.astype(np.float32)
+
+
+def _words_and_patches(
+    images: Tensor, descriptors: Tensor, *, vocabulary: Tensor, cell: int, size: int
+) -> tuple[Tensor, Tensor]:
+    """The words (N, rows, cols) of images (N, 1, H, W), and the sum of the patches of each word, (K, size²), float64.
+
+    The outermost pixels of an image are repeated.
+    """
+    words = nearest_words(descriptors, vocabulary)
+    margin = (size - CELLS * cell) // 2
+    down, across = (
+        (torch.arange((places - 1) * cell + size) - margin).clamp(0, side - 1)
+        for places, side in zip(words.shape[1:], images.shape[2:], strict=True)
+    )
+    padded = images[:, 0, down[:, None], across]
+    patches = padded.unfold(1, size, cell).unfold(2, size, cell)
+    total = torch.zeros(len(vocabulary), size * size, dtype=torch.float64)
+    return words, total.index_add_(0, words.flatten(), patches.reshape(-1, size * size).double())

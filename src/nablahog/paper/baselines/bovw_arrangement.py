@@ -27,15 +27,9 @@ TOLERANCE = 1e-9  # least decrease of the cost by a swap
 
 
 class Costs:
-    """The costs estimated from a database of arrangements.
+    """The costs estimated from the words (N, rows, cols) of N images, and the words (K, n) themselves.
 
-    Args:
-        database: (N, rows, cols), the words of N images; every word occurs.
-        vocabulary: (K, n), the words themselves.
-
-    Attributes:
-        right: (K, K), the cost of word j to the right of word i.
-        below: (K, K), the cost of word j below word i.
+    ``right`` and ``below``, (K, K), are the costs of word j to the right of word i, and below it.
     """
 
     def __init__(self, database: Words, vocabulary: Array) -> None:
@@ -91,16 +85,10 @@ class Costs:
 
 
 def arrange(words: Words, location: Array, costs: Costs, rng: np.random.Generator) -> tuple[Words, list[float], bool]:
-    """A cheap arrangement of words.
+    """A cheap arrangement of words (rows · cols,), with costs (K, rows, cols) at each place, and those of neighbours.
 
     The Hungarian method gives the cheapest one by places alone.  Then any two words are swapped, in random order, if
     that lowers the total cost, until no swap does.
-
-    Args:
-        words: (rows · cols,), the words to place.
-        location: (K, rows, cols), their cost at each place.
-        costs: of neighbours.
-        rng: of the order of swaps.
 
     Returns:
         The words (rows, cols); the cost before and after each sweep over all pairs; whether no swap lowers it.
@@ -136,12 +124,9 @@ def _total(placed: Words, at: Array, right: Array, below: Array) -> float:
 
 
 class _Grid:
-    """Words on a grid with a border of the last word, and the cost of each word at each place.
+    """Words (n,) on a grid of rows of ``stride`` places, with a border of the last word, changed in place.
 
-    Args:
-        placed: (n,), the words, row by row, changed in place.
-        stride: places of a row.
-        at, right, below: costs of words at places, (n, words), and of pairs, (words, words).
+    Costs are of words at places, (n, words), and of pairs, (words, words).
     """
 
     def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
@@ -155,11 +140,7 @@ class _Grid:
         self._update(np.arange(len(placed)))
 
     def sweep(self, cells: Words) -> float:
-        """Swaps each pair of cells if that lowers the cost.  Returns the change of the cost, 0 without any swap.
-
-        Args:
-            cells: the inner places, in the order of swaps.
-        """
+        """Swaps each pair of inner places, in their order, if that lowers the cost; returns its change, or 0."""
         total = 0.0
         for i, p in enumerate(cells):
             others = cells[i + 1 :]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from ...invert.checks import check_finite, check_floats
 from ...invert.reconstruction import Reconstruction
 
 LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
@@ -30,90 +28,51 @@ SMOOTHNESS = 1.0  # λ of total variation, as in their quantitative experiments;
 NOISE = 27098.1 / math.sqrt(227 * 227 * 3)
 """Root mean square of the initial noise, in gray levels of 255.
 
-In their code the noise has the norm 27098.1 whatever the size of the image, a number for inputs of their convolutional
-networks.  Here it is taken as the norm of 227x227 pixels and three channels, and grows with the size.  Unscaled, it
-would be 212 gray levels a pixel for an image of 128x128, from which their schedule diverges."""
+Their noise has the norm 27098.1 for any image.  Here that is the norm for 227x227 pixels and three channels, the inputs
+of their networks, and grows with the size: for 128x128 pixels their schedule would diverge from 212 gray levels."""
 
 _MIDDLE = 128.0  # what is subtracted from gray levels
 
 
 @dataclass(frozen=True)
 class CNNHOG:
-    """The network and its inversion.
+    """The network, of cells of an even number of pixels and n undirected orientations, and its inversion.
 
-    Attributes:
-        cell_size: pixels, even.
-        orientations: undirected ones, n.
-        bilinear: whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), or for the
-            nearest one, and the derivative is that of its magnitude alone (CNN-HOG).
-
-    Raises:
-        ValueError: the cell size is odd or less than 2, or there is no orientation.
+    ``bilinear`` says whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), or for
+    the nearest one, and the derivative is that of its magnitude alone (CNN-HOG).
     """
 
     cell_size: int = 8
     orientations: int = 9
     bilinear: bool = False
 
-    def __post_init__(self) -> None:
-        if self.cell_size < 2 or self.cell_size % 2:
-            raise ValueError(f"the cell size must be an even number of pixels, got {self.cell_size}")
-        if self.orientations < 1:
-            raise ValueError(f"there must be at least one orientation, got {self.orientations}")
-
-    @property
-    def channels(self) -> int:
-        """2n directed and n undirected orientations."""
-        return 3 * self.orientations
-
     def descriptor(self, image: Tensor) -> Tensor:
-        """The network's descriptor.
+        """The network's descriptor (B, rows, cols, 3n), in 0…0.4, of images (B, 1, H, W) of whole cells, in 0…1.
 
-        Args:
-            image: (B, 1, H, W), float in 0…1, H and W whole cells, at least two.
-
-        Returns:
-            (B, rows, cols, 3n) in 0…0.4, channels as in :func:`nablahog.presets.uoctti` without its texture: directed
-            orientations from 0° (to the right), then undirected ones.  Differentiable by the network's own derivative.
+        Channels are those of :func:`nablahog.presets.uoctti` without its texture: directed orientations from 0° (to the
+        right), then undirected ones.  Differentiable by the network's own derivative.
 
         Raises:
-            TypeError: the image is no floating-point tensor.
-            ValueError: its shape is another, or it holds NaN or Inf.
+            ValueError: the image has other sides than whole cells, at least two each way.
         """
-        if not isinstance(image, Tensor) or not image.is_floating_point():
-            got = image.dtype if isinstance(image, Tensor) else type(image).__name__
-            raise TypeError(f"the image must be a floating-point tensor, got {got}")
-        if image.dim() != 4 or image.shape[1] != 1 or not len(image):
-            raise ValueError(f"the image must have shape (B, 1, H, W), B at least 1, got {tuple(image.shape)}")
-        self._check_size(*image.shape[2:])
-        check_finite("the image", image)
+        (height, width), cell = image.shape[2:], self.cell_size
+        if height % cell or width % cell or min(height, width) < 2 * cell:
+            raise ValueError(
+                f"the image must have whole cells of {cell} pixels, at least two each way, got {height}x{width} pixels"
+            )
         return self._network(255 * image - _MIDDLE).permute(0, 2, 3, 1)
 
-    def reconstruct(
-        self,
-        descriptor: Tensor,
-        image_size: tuple[int, int] | None = None,
-        *,
-        seed: int = 0,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Reconstruction:
-        """Images with nearly this descriptor, by 800 steps of gradient descent with momentum.
+    def reconstruct(self, descriptor: Tensor, *, seed: int = 0) -> Reconstruction:
+        """Images with nearly this descriptor of :meth:`descriptor`, by 800 steps of gradient descent with momentum.
 
-        Args:
-            descriptor: (B, rows, cols, 3n), float32 or float64, of :meth:`descriptor`.
-            image_size: (height, width), whole cells; by default what the descriptor has.
-            seed: of the initial noise, the same for every image of the batch.
-            progress: called with the steps done and all of them.
-
-        Returns:
-            Images stretched to 0…1, and the distances of these stretched images; one evaluation is a step.
+        They are stretched to 0…1, and distances are those of the stretched images.  One evaluation is a step.  The
+        initial noise is the same for every image of the batch.
 
         Raises:
-            TypeError: the descriptor is no float32 or float64 tensor.
-            ValueError: its shape is another, it holds NaN or Inf or nothing but zeros, or contradicts the image size.
+            ValueError: the descriptor is nothing but zeros.
         """
         began = time.perf_counter()
-        height, width = self._check_descriptor(descriptor, image_size)
+        height, width = (side * self.cell_size for side in descriptor.shape[1:3])
         target = descriptor.detach().permute(0, 3, 1, 2)
         scale = target.flatten(1).norm(dim=1)
         if not (scale > 0).all():
@@ -130,8 +89,6 @@ class CNNHOG:
             history.append(distance)
             velocity = MOMENTUM * velocity - LEARNING_RATES[step // ITERATIONS] * gradient
             x = x + velocity
-            if progress is not None:
-                progress(step + 1, ITERATIONS * len(LEARNING_RATES))
         image = _stretched(x)
         residual = self.descriptor(image).permute(0, 3, 1, 2) - target
         return Reconstruction(
@@ -177,29 +134,6 @@ class CNNHOG:
         rows, cols = cells.shape[2:]
         blocks = (inverse[:, :, i : i + rows, j : j + cols] for i in (0, 1) for j in (0, 1))
         return 0.5 * sum(((cells * block).clamp(max=0.2) for block in blocks), torch.zeros_like(cells))
-
-    def _check_size(self, height: int, width: int) -> None:
-        cell = self.cell_size
-        if height % cell or width % cell or min(height, width) < 2 * cell:
-            raise ValueError(
-                f"the image must have whole cells of {cell} pixels, at least two each way, got {height}x{width} pixels"
-            )
-
-    def _check_descriptor(self, descriptor: Tensor, image_size: tuple[int, int] | None) -> tuple[int, int]:
-        check_floats("the descriptor", descriptor)
-        if descriptor.dim() != 4 or not len(descriptor) or descriptor.shape[3] != self.channels:
-            raise ValueError(
-                f"the descriptor must have shape (B, rows, cols, {self.channels}), B at least 1, "
-                f"got {tuple(descriptor.shape)}"
-            )
-        size = (descriptor.shape[1] * self.cell_size, descriptor.shape[2] * self.cell_size)
-        if image_size is not None and tuple(image_size) != size:
-            raise ValueError(
-                f"the descriptor is of an image of {size[0]}x{size[1]} pixels, got image size {image_size}"
-            )
-        self._check_size(*size)
-        check_finite("the descriptor", descriptor)
-        return size
 
 
 class _Nearest(torch.autograd.Function):

@@ -35,18 +35,11 @@ def sift_grid(height: int, width: int, cell: int) -> tuple[int, int]:
 
 @torch.no_grad()
 def dense_sift(images: Tensor, cell: int) -> Tensor:
-    """The descriptors of all windows of 4x4 cells, one cell apart.
+    """The descriptors (B, rows, cols, 128) of all windows of 4x4 cells, one cell apart, of images (B, 1, H, W) in 0…1.
 
-    Bin k is of gradients at 45° · k, from +x to +y, clockwise on screen.  The outermost pixels of an image do not
-    vote.
-
-    Args:
-        images: (B, 1, H, W) in 0…1, float32 or float64, at least 4 cells a side.
-        cell: pixels of a cell's side.
-
-    Returns:
-        (B, rows, cols, 128), by cell row, cell column and orientation; of length 1, or 0 for a flat window.  A window
-        with an edge of one 8-bit level through its middle is flat, with one of two levels it is not.
+    Numbers are by cell row, cell column and orientation; bin k is of gradients at 45° · k, clockwise on screen.  The
+    length is 1, or 0 for a flat window: with an edge of one 8-bit level through its middle it is flat, with one of two
+    it is not.  The outermost pixels of an image do not vote.
     """
     spec = HOGSpec(
         name="dense SIFT",

@@ -21,11 +21,11 @@ from torch.nn import functional
 
 from ...hog.descriptor import steps
 from ...hog.presets import aubry
-from ...io.learned_model import Arrays, Codec, LearnedModel
+from ...io.learned_model import TENSOR, Codec, LearnedModel
 from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
 from ...pose.whitening import Background
 from ...render import Camera, Light, Mesh, Renderer, silhouette
-from ...runtime.source import code_key
+from ...runtime.cache import code_key
 
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
@@ -43,16 +43,11 @@ normally distributed with the variance of photographs, it would be 2.6; with tha
 
 @dataclass(frozen=True)
 class ViewSampling:
-    """From where models are rendered, and which elements of each rendering are used.
+    """From where models are rendered, in degrees and diagonals, and which elements of each rendering are used.
 
-    Attributes:
-        azimuths: degrees; theirs are the integers of linspace(0, 360, 32), 31 directions.
-        elevations: degrees.
-        distance: to the camera, in diagonals of the model.
-        size: rows and columns of an element in cells of 5 pixels; theirs comes with a file that is not published with
-            the code.
-        count: elements of a rendering.
-        overlap, threshold: as for :func:`nablahog.pose.elements`.
+    Their azimuths are the integers of linspace(0, 360, 32), 31 directions.  The size of an element, rows and columns in
+    cells of 5 pixels, is not published with their code.  ``overlap`` and ``threshold`` are those of
+    :func:`nablahog.pose.elements`.
     """
 
     azimuths: tuple[int, ...] = tuple(int(angle) for angle in np.linspace(0, 360, 32)[:-1])
@@ -72,13 +67,7 @@ class ViewSampling:
 VIEW_SAMPLING = ViewSampling()
 
 
-def _stored(arrays: Arrays, name: str) -> Tensor:
-    array = arrays[name]
-    return torch.from_numpy(array.astype(np.float32) if array.dtype == np.float16 else array)
-
-
-_TENSOR = Codec(Tensor.numpy, _stored)
-_HALVES = Codec(lambda value: value.numpy().astype(np.float16), _stored)
+_HALVES = Codec(lambda value: value.half().numpy(), lambda arrays, name: TENSOR.decode(arrays, name).float())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,9 +82,6 @@ class ExemplarViews(LearnedModel):
         first: (V + 1,), int64: the elements of view v are first[v] … first[v + 1] − 1.
         boxes: (V, 4), float32: x0, y0, x1, y1 of the object, in pixels of the rendering.
         viewpoints: (V, 2), float32: azimuth and elevation, degrees.
-
-    Raises:
-        ValueError: these contradict each other, or hold NaN or Inf.
     """
 
     KIND = "view set"
@@ -103,7 +89,7 @@ class ExemplarViews(LearnedModel):
     FORMAT = 2
     ARRAYS: ClassVar = {
         "weights": _HALVES,
-        **dict.fromkeys(("scale", "offset", "level", "positions", "first", "boxes", "viewpoints"), _TENSOR),
+        **dict.fromkeys(("scale", "offset", "level", "positions", "first", "boxes", "viewpoints"), TENSOR),
     }
 
     weights: Tensor
@@ -139,18 +125,10 @@ class ExemplarViews(LearnedModel):
 
 @torch.no_grad()
 def learn_views(mesh: Mesh, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> ExemplarViews:
-    """Renders a model from all around, white behind it, and finds the elements of each rendering.
+    """Renders a normalised model from all around, white behind it, and finds the elements of each rendering.
 
     Patches of all levels of a rendering's pyramid compete; only those centred on the object do, since others are mostly
-    empty.
-
-    Args:
-        mesh: normalised, on the CPU.
-        background: of the dialect :data:`SPEC`, statistics of other photographs.
-        sampling: from where, and how many.
-
-    Raises:
-        ValueError: the background is of another dialect, or knows no templates of the elements' size.
+    empty.  The background has the statistics of other photographs, in the dialect :data:`SPEC`.
     """
     background.check(SPEC)
     poses = sampling.poses()
@@ -224,13 +202,7 @@ def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
 
 
 class ExemplarLibrary:
-    """Views of models, each learned once.
-
-    Args:
-        folder: where to store them, made if missing; None for this process only.
-        background: statistics of other photographs.
-        sampling: from where, and how many.
-    """
+    """Views of models, each learned once, and stored in a folder; None for this process only."""
 
     def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
         self.folder, self.background, self.sampling = folder, background, sampling
@@ -244,20 +216,15 @@ class ExemplarLibrary:
         """The views of a normalised mesh: from memory, from the folder, or learned and stored there.
 
         Raises:
-            ValueError: as :func:`learn_views`.
             OSError: the folder cannot be written.
         """
-        key = self.key(mesh)
-        if key not in self._views:
-            self._views[key] = self._read_or_learn(mesh, key)
-        return self._views[key]
-
-    def key(self, mesh: Mesh) -> str:
-        """A hash of all that the views of a mesh depend on: the name of their file, without its ending."""
         whole = self._common.copy()
         for array in (mesh.vertices, mesh.faces, mesh.brightness):
             whole.update(array.numpy().tobytes())
-        return whole.hexdigest()
+        key = whole.hexdigest()
+        if key not in self._views:
+            self._views[key] = self._read_or_learn(mesh, key)
+        return self._views[key]
 
     def _read_or_learn(self, mesh: Mesh, key: str) -> ExemplarViews:
         if self.folder is None:

@@ -3,7 +3,7 @@
 Vondrick, Khosla, Malisiewicz and Torralba, *HOGgles: Visualizing Object Detection Features* (ICCV 2013).  Each window
 of 5x5 cells gets a sparse positive code in a dictionary of windows.  The same code in the dictionary of gray patches
 gives a patch of 7x7 cells: the window and the ring of cells that its blocks depend on.  Overlapping patches are
-averaged.  :func:`.hoggles_learning.learn_hoggles` learns the pair.
+averaged.
 
 All numbers are those of the published code, with two differences.  The published descriptor drops the outermost ring of
 cells and has a truncation channel that is always 0; here all cells and channels count.  The published code cuts the
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -28,7 +27,7 @@ from ...hog.spec import HOGSpec
 from ...invert.checks import check_descriptor
 from ...invert.provenance import Learning
 from ...invert.reconstruction import Reconstruction, relative_distance
-from ...io.learned_model import NUMBER, SPEC, LearnedModel, account, check_tensor, tensor
+from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, check_tensor
 
 CELLS = 5  # of a window's side
 MARGIN = 1  # cells on each side by which a patch is larger
@@ -44,13 +43,9 @@ BATCH = 4096  # windows whose patches are in memory at a time, or those of one d
 
 @dataclass(frozen=True, kw_only=True)
 class HogglesLearning(Learning):
-    """How a pair of dictionaries was learned.
+    """How a pair of dictionaries was learned: of so many windows, in so many batches (0: the atoms are random windows).
 
-    Attributes:
-        windows: how many there were to draw from.
-        iterations: batches of windows; 0 if the atoms are random windows.
-        batch: windows of each.
-        objective: the mean of ½‖x - Dα‖² + λ‖α‖₁ over every hundredth batch, before it changes the dictionary.
+    The objective is the mean of ½‖x - Dα‖² + λ‖α‖₁ over every hundredth batch, before it changes the dictionary.
     """
 
     windows: int
@@ -71,18 +66,14 @@ class PairedDictionary(LearnedModel):
         hog: (K, 5, 5, channels), float32.
         sparsity: λ of the codes, above 0.
         learning: how it was learned.
-
-    Raises:
-        ValueError: these contradict each other, or hold NaN, Inf or entries beyond ±1; of its methods, scikit-learn is
-            not installed.
     """
 
     KIND = "dictionary pair"
     NOUN = "dictionary"
     ARRAYS: ClassVar = {
         "spec": SPEC,
-        "gray": tensor(np.float32),
-        "hog": tensor(np.float32),
+        "gray": TENSOR,
+        "hog": TENSOR,
         "sparsity": NUMBER,
         "learning": account(HogglesLearning),
     }
@@ -110,50 +101,28 @@ class PairedDictionary(LearnedModel):
 
     @torch.no_grad()
     def reconstruct(
-        self,
-        descriptor: Tensor,
-        spec: HOGSpec,
-        image_size: tuple[int, int] | None = None,
-        *,
-        progress: Callable[[int, int], None] | None = None,
+        self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None = None
     ) -> Reconstruction:
-        """Images from descriptors, with the interface of :func:`nablahog.reconstruct`.  Nothing is random.
+        """Images from descriptors, as :func:`nablahog.reconstruct`, in float32.  Nothing is random.
 
         The model does not know brightness and contrast: each image is stretched so that its darkest pixel is 0 and its
-        brightest 1.  An image without contrast is 0.5.
-
-        Args:
-            descriptor: (B, rows, cols, channels), float32 or float64, on any device; computed in float32 on the CPU.
-            spec: its dialect, which must be the model's.
-            image_size: (height, width); by default whole cells.
-            progress: called with the number of descriptors done and of all.
-
-        Returns:
-            The operator is never evaluated, so the history is empty, (0, B).
+        brightest 1.  An image without contrast is 0.5.  The operator is never evaluated: the history is empty, (0, B).
 
         Raises:
-            TypeError, ValueError: as :func:`nablahog.reconstruct`; the spec is not the model's; scikit-learn is not
-                installed.
+            TypeError, ValueError: as there; the spec is not the model's; scikit-learn is not installed.
         """
         began = time.perf_counter()
         self.check(spec)
         size = check_descriptor(descriptor, spec, image_size)
         count, rows, cols = descriptor.shape[:3]
         batch = max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
-        images = []
-        for first in range(0, count, batch):
-            if progress:
-                progress(first, count)
-            images.append(self._invert(descriptor[first : first + batch].float().cpu(), size))
-        if progress:
-            progress(count, count)
-        image = torch.cat(images).to(descriptor)
+        image = torch.cat([self._invert(some.float(), size) for some in torch.split(descriptor, batch)])
         return Reconstruction(
             image,
-            relative_distance(image, descriptor, spec),
+            relative_distance(image, descriptor.float(), spec),
             ["all windows are done"] * count,
             descriptor.new_zeros(0, count),
-            torch.zeros(count, dtype=torch.long, device=descriptor.device),
+            torch.zeros(count, dtype=torch.long),
             time.perf_counter() - began,
         )
 
@@ -167,10 +136,7 @@ class PairedDictionary(LearnedModel):
 
 
 def check_cells(spec: HOGSpec) -> None:
-    """Raises ValueError unless entry (row, col) of a descriptor is that of the cell (row, col).
-
-    Otherwise patches would not lie on their windows.
-    """
+    """Raises ValueError unless entry (row, col) of a descriptor is that of the cell (row, col), where patches lie."""
     if any(spec.normalizer.footprint(axis) != Footprint() for axis in (0, 1)):
         raise ValueError(
             f"windows can only be learned of descriptors with one entry for each cell: {spec.name} has blocks, or "
@@ -190,18 +156,9 @@ def patch_size(spec: HOGSpec) -> tuple[int, int]:
 
 
 def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
-    """The codes α ≥ 0 that minimise ½‖x - Dα‖² + λ‖α‖₁, by scikit-learn's coordinate descent.
+    """The codes α ≥ 0 (N, K) that minimise ½‖x - Dα‖² + λ‖α‖₁ of vectors x (N, n), with atoms Dᵀ (K, n), all float32.
 
-    Args:
-        atoms: Dᵀ, (K, n), float32 on the CPU.  An atom of length 0 is never used.
-        vectors: x, (N, n), float32.
-        sparsity: λ.
-
-    Returns:
-        (N, K), float32.  The objective is within ‖x‖² / 1000 of its minimum.
-
-    Raises:
-        ValueError: scikit-learn is not installed.
+    By scikit-learn's coordinate descent, within ‖x‖² / 1000 of the minimum; ValueError if it is not installed.
     """
     try:
         from sklearn.linear_model import Lasso
@@ -241,14 +198,9 @@ def _gaussian(spec: HOGSpec) -> Tensor:
 
 
 def _average_patches(patches: Tensor, spec: HOGSpec) -> Tensor:
-    """Images that are at each pixel the mean of all patches over it.
+    """Images (B, 1, H, W) that are at each pixel the mean of all patches over it.
 
-    Args:
-        patches: (B, rows, cols, pixels of one), one cell apart.
-        spec: the dialect.
-
-    Returns:
-        (B, 1, H, W), of rows + 6 by cols + 6 cells.
+    Patches (B, rows, cols, pixels of one) lie one cell apart, so images have rows + 6 by cols + 6 cells.
     """
     rows, cols = patches.shape[1:3]
     canvas = ((rows + PATCH - 1) * spec.cell_size[0], (cols + PATCH - 1) * spec.cell_size[1])

@@ -6,7 +6,7 @@ vectors is learned and then cut in two.  It is learned online, batch by batch, b
 2009), where the published code uses SPAMS.
 
 Two more things differ from the published code: it never sees the last window of a row and of a column of an image, and
-it starts every hundred batches with the same windows again, so that it learns from 40,000 of a million.
+every hundred batches it starts with the same windows again, so that it learns from 40,000 of a million.
 """
 
 from __future__ import annotations
@@ -53,7 +53,6 @@ def learn_hoggles(
     atoms: int = ATOMS,
     sparsity: float = SPARSITY,
     iterations: int = ITERATIONS,
-    windows: int = WINDOWS,
     fast: bool = False,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
@@ -63,8 +62,8 @@ def learn_hoggles(
     Windows of 5x5 cells are taken at every cell whose patch of 7x7 cells lies in the image.  Images, descriptors and
     one batch are in memory; the windows of a batch are cut out when it is needed.
 
-    The result depends on the images, the spec, the numbers and the seed alone; on another processor or with another
-    number of threads also on rounding, which a thousand iterations amplify.
+    On another processor, or with another number of threads, the result also depends on rounding, which a thousand
+    iterations amplify.
 
     Args:
         images: (H, W) each, float32 in 0…1, by name.
@@ -72,33 +71,30 @@ def learn_hoggles(
         atoms: K, of each dictionary.
         sparsity: λ of ½‖x - Dα‖² + λ‖α‖₁, in learning as in inversion.
         iterations: batches of 400 windows; all windows come once before one comes again.
-        windows: the most to learn from; of more, so many are drawn at random.
         fast: whether the atoms are random windows, and no dictionary is learned.
         seed: of everything random.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
-        ValueError: there are no images, or one is too small or holds other values; fewer windows than atoms have
-            contrast; a number is out of range; the spec has no row of channels for each cell
-            (:func:`.hoggles.check_cells`); scikit-learn is not installed.
+        ValueError: images, numbers or the spec (:func:`.check_cells`) are not as above; fewer windows than atoms have
+            contrast; scikit-learn is not installed.
     """
-    for name, number in (("atoms", atoms), ("iterations", iterations), ("windows", windows)):
+    for name, number in (("atoms", atoms), ("iterations", iterations)):
         if number < 1:
             raise ValueError(f"{name} must be at least 1, got {number}")
     check_sparsity(sparsity)
     check_cells(spec)
     names = check_images(images, patch_size(spec))
     rng = np.random.default_rng(seed)
-    digest = digest_of_images(images)
     progress(0, iterations, "describing the images")
-    pairs = _Pairs([images[name] for name in names], spec, windows, rng)
+    pairs = _Pairs([images[name] for name in names], spec, rng)
     dictionary = pairs.with_contrast(atoms, rng)
     objective: list[float] = []
     if not fast:
         dictionary = dictionary / math.sqrt(2)
         learner = _learner(dictionary, sparsity, rng)
         for done in range(iterations):
-            progress(done, iterations, _report(objective))
+            progress(done, iterations, f"objective {objective[-1]:.4f}" if objective else "")
             batch = pairs.batch(done)
             if done % REPORTED == 0:
                 objective.append(_objective(dictionary, batch, sparsity))
@@ -106,11 +102,11 @@ def learn_hoggles(
                 warnings.simplefilter("ignore")  # a few codes of a batch need not be the best
                 learner.partial_fit(batch.numpy())
             dictionary = torch.from_numpy(learner.components_)
-    progress(iterations, iterations, _report(objective))
+    progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
         images=tuple(names),
-        sha256=digest,
+        sha256=digest_of_images(images),
         seed=seed,
         windows=len(pairs),
         iterations=0 if fast else iterations,
@@ -151,29 +147,24 @@ def _objective(atoms: Tensor, windows: Tensor, sparsity: float) -> float:
     return float(residual.square().sum() / 2 + sparsity * codes.sum()) / len(windows)
 
 
-def _report(objective: Sequence[float]) -> str:
-    return f"objective {objective[-1]:.4f}" if objective else ""
-
-
 class _Pairs:
-    """The windows of images with their patches, in a random order, cut out when needed.
+    """The windows of images (H, W) with their patches, in a random order, a million at most, cut out when needed."""
 
-    Args:
-        images: (H, W) each.
-        spec: the dialect.
-        most: windows; of more, so many are drawn at random.
-        rng: of their order.
-    """
-
-    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, most: int, rng: np.random.Generator) -> None:
+    def __init__(self, images: Sequence[Tensor], spec: HOGSpec, rng: np.random.Generator) -> None:
         self.images, self.spec = images, spec
         self.descriptors = [hog(image[None, None], spec) for image in images]
-        self.grids = [_grid(image, spec) for image in images]
+        self.grids = [self._grid(image) for image in images]
         self.ends = np.cumsum([rows * cols for rows, cols in self.grids])
-        self.order = rng.permutation(self.ends[-1])[:most]
+        self.order = rng.permutation(self.ends[-1])[:WINDOWS]
 
     def __len__(self) -> int:
         return len(self.order)
+
+    def _grid(self, image: Tensor) -> tuple[int, int]:
+        """Rows and columns of the windows whose patch lies in an image."""
+        sides = zip(image.shape, self.spec.cell_size, self.spec.grid(*image.shape), strict=True)
+        rows, cols = (min(pixels // cell, cells) - PATCH + 1 for pixels, cell, cells in sides)
+        return rows, cols
 
     def batch(self, number: int) -> Tensor:
         """The windows of the batch ``number``, (N, n): patch and descriptor, each of length 1."""
@@ -208,14 +199,3 @@ class _Pairs:
             y, x = row + MARGIN, col + MARGIN
             windows.append(self.descriptors[which][0, y : y + CELLS, x : x + CELLS].flatten())
         return torch.cat([unit(torch.stack(patches)), unit(torch.stack(windows))], dim=1)
-
-
-def _grid(image: Tensor, spec: HOGSpec) -> tuple[int, int]:
-    """Rows and columns of the windows whose patch lies in an image."""
-    height, width = image.shape
-    grid = spec.grid(height, width)
-    rows, cols = (
-        min(pixels // cell, cells) - PATCH + 1
-        for pixels, cell, cells in zip((height, width), spec.cell_size, grid, strict=True)
-    )
-    return rows, cols

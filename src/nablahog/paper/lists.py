@@ -1,10 +1,13 @@
-"""Objects in photographs, as lists of boxes: CSV files, and JSON files like COCO's."""
+"""Lists in files: tables row by row (CSV), and objects in photographs as boxes (CSV, or JSON like COCO's)."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,10 +15,95 @@ from typing import Any
 from ..hog.box import Box
 from ..io.files import check_file
 from ..runtime.text import one_line
-from .rows import MAX_BYTES, Row, read_csv
 
-_SIDES = ("x0", "y0", "x1", "y1")
+MAX_BYTES = 2**28  # of a file
+SIDES = ("x0", "y0", "x1", "y1")
 _VIEW = ("azimuth", "elevation")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table, or an entry of another list: where it is, for messages, and its values by column.
+
+    ``decimal`` is the character between whole numbers and fractions.
+    """
+
+    where: str
+    values: Mapping[str, object]
+    decimal: str = "."
+
+    def error(self, column: str, message: str) -> ValueError:
+        """What to raise about the value of a column."""
+        return ValueError(f"{self.where}, column {column}: {message}")
+
+    def text(self, column: str) -> str:
+        """The text of a column without blanks around it; empty if there is none."""
+        value = self.values.get(column)
+        return value.strip() if isinstance(value, str) else ""
+
+    def number(self, column: str, unit: str) -> float:
+        """The number in a column; ValueError if it is no finite one."""
+        value = self.values.get(column)
+        try:
+            written = value.replace(self.decimal, ".") if isinstance(value, str) else value
+            number = math.nan if isinstance(value, bool) else float(written)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.error(column, f"expected a finite number of {unit}, got {one_line(repr(value), 60)}")
+        return number
+
+    def numbers(self, columns: Sequence[str], unit: str) -> list[float] | None:
+        """The numbers in some columns; None if all are empty; ValueError if some are, or one is no finite number."""
+        if all(str(self.values.get(column) or "").strip() == "" and self.values.get(column) != 0 for column in columns):
+            return None
+        return [self.number(column, unit) for column in columns]
+
+
+def read_list(path: Path, expected: str) -> bytes:
+    """The bytes of a file, at most :data:`MAX_BYTES`.
+
+    Raises:
+        FileNotFoundError, ValueError: there is no such file, it is none, or it has more.
+    """
+    check_file(path, expected)
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
+    return path.read_bytes()
+
+
+def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]:
+    """The rows below the line of column names, empty ones left out.
+
+    Args:
+        path: a file in UTF-8, with or without a byte order mark.  Its columns are divided by commas; or by semicolons,
+            and then numbers may have a decimal comma.
+        required: columns that it must have; further ones may stand anywhere.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it has more than :data:`MAX_BYTES`, is no such file, lacks a column, or has no row.
+    """
+    path = Path(path)
+    line, data = 1, read_list(path, "a CSV file")
+    try:
+        written = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig").read()
+        heads = written.partition("\n")[0]
+        semicolons = heads.count(";") > heads.count(",")
+        reader = csv.DictReader(io.StringIO(written), delimiter=";" if semicolons else ",", skipinitialspace=True)
+        reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
+        missing = [name for name in required if name not in reader.fieldnames]
+        if missing:
+            raise ValueError(f"expected the columns {', '.join(required)}, but {' and '.join(missing)} is missing")
+        rows = []
+        for values in reader:
+            line = reader.line_num
+            rows.append(Row(f"{path}, line {line}", values, "," if semicolons else "."))
+    except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
+        raise ValueError(f"{path}, line {line}: {one_line(error)}") from None
+    if not rows:
+        raise ValueError(f"{path}: expected at least one row below the names of the columns, got none")
+    return rows
 
 
 @dataclass(frozen=True)
@@ -53,7 +141,7 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
 
     >>> from pathlib import Path
     >>> _ = Path("chairs.csv").write_text("image,x0,y0,x1,y1\\na.jpg,10,20,110,220\\nb.jpg,,,,\\n")
-    >>> for each in nablahog.paper.object_lists.read_objects("chairs.csv"):
+    >>> for each in nablahog.paper.lists.read_objects("chairs.csv"):
     ...     print(each.id, each.image, each.box)
     1 a.jpg Box(x0=10.0, y0=20.0, x1=110.0, y1=220.0)
     2 b.jpg None
@@ -68,7 +156,7 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
 
 def _of_csv(path: Path) -> list[ListedObject]:
     rows = read_csv(path, ("image",))
-    for group in (_SIDES, _VIEW):
+    for group in (SIDES, _VIEW):
         missing = [name for name in group if name not in rows[0].values]
         if missing and len(missing) < len(group):
             raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
@@ -76,11 +164,9 @@ def _of_csv(path: Path) -> list[ListedObject]:
 
 
 def _of_json(path: Path) -> list[ListedObject]:
-    check_file(path, "a JSON file")
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
+    data = read_list(path, "a JSON file")
     try:
-        whole = json.loads(path.read_bytes())
+        whole = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON, but it cannot be read: {one_line(error)}") from None
     images, annotations = (whole.get(key) if isinstance(whole, dict) else None for key in ("images", "annotations"))
@@ -118,7 +204,7 @@ def _listed_object(number: int, row: Row, image: object) -> ListedObject:
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")
-    sides = row.numbers(_SIDES, "pixels")
+    sides = row.numbers(SIDES, "pixels")
     if "bbox" in row.values:
         corner = row.values["bbox"]
         if not isinstance(corner, list) or len(corner) != 4:

@@ -1,15 +1,17 @@
-"""Work shared out to threads."""
+"""Work shared out to threads, random numbers that are the same every time, and a quiet forward mode."""
 
 from __future__ import annotations
 
 import multiprocessing
+import subprocess
+import sys
 import threading
 import time
 
 import pytest
 import torch
 
-from nablahog.runtime.threads import in_threads, share_out
+from nablahog.runtime.pytorch import in_threads, seeded, share_out
 
 
 def test_results_come_in_order(two_threads: None) -> None:
@@ -72,3 +74,30 @@ def test_forked_processes_have_threads_of_their_own(two_threads: None) -> None:
     child.join(30)
     assert child.exitcode == 0
     assert results.get() == [0, 1, 2]
+
+
+def test_the_generator_goes_on_as_before() -> None:
+    torch.manual_seed(7)
+    expected = torch.rand(4)
+    torch.manual_seed(7)
+    first = torch.rand(2)
+    with seeded(3):
+        inside = torch.rand(2)
+    assert torch.equal(torch.cat([first, torch.rand(2)]), expected)
+    with seeded(3):
+        assert torch.equal(torch.rand(2), inside)
+
+
+PROGRAM = """
+import warnings, torch, nablahog
+from dataclasses import replace
+from nablahog.hog.descriptor import histograms_jvp
+images, spec = torch.rand(1, 1, 16, 16), replace(nablahog.presets.paper(), mask="sobel", border="zero")
+warnings.simplefilter("error")
+histograms_jvp(images, images, spec)
+"""
+
+
+def test_pytorch_does_not_warn_of_its_own_forward_mode() -> None:
+    ended = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr

@@ -1,22 +1,25 @@
-"""Work shared out to threads, for loops that release Python's lock."""
+"""What the package asks of PyTorch itself: threads, memory, random numbers, forward mode."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import lru_cache
+from contextlib import contextmanager
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import TypeVar
 
 import torch
+from torch.autograd import forward_ad
 
 Result = TypeVar("Result")
 
 
 def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
-    """``work(0)`` … ``work(count - 1)``, in as many threads as PyTorch takes.
+    """``work(0)`` … ``work(count - 1)``, in as many threads as PyTorch takes; for loops that release Python's lock.
 
     Inside ``work`` PyTorch takes one thread: several pools would wait for each other with busy processors.
     """
@@ -69,3 +72,33 @@ def _after_fork() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
+
+
+def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
+    """Bytes that one part of a batch may take: a share, 0…1, of what is free on a CUDA device, or of others ``on_cpu``.
+
+    What PyTorch keeps without use counts as free.  Asked once for a batch: the driver is slow to answer.
+    """
+    if device.type != "cuda":
+        return on_cpu
+    free, _ = torch.cuda.mem_get_info(device)
+    unused = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
+    return int(share * (free + unused))
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Seeds PyTorch's generators of all devices; afterwards they go on as before."""
+    # devices by name: of more than one that is not, PyTorch warns
+    with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
+        torch.manual_seed(seed)
+        yield
+
+
+@cache
+def load_forward_mode() -> None:
+    """Loads what forward mode needs: PyTorch calls a function for it that it has deprecated, and warns of that."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with forward_ad.dual_level():
+            forward_ad.make_dual(torch.zeros(1), torch.ones(1))  # type: ignore[no-untyped-call]
