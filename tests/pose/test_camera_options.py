@@ -16,7 +16,7 @@ from torch.testing import assert_close
 from nablahog.hog.box import Box
 from nablahog.pose import estimate_pose
 from nablahog.render import pose, render
-from nablahog.render.rigid import moved_before, pose_matrix
+from nablahog.render.conventions import moved_before, pose_matrix
 
 from .common import degrees_between, model, photographed
 

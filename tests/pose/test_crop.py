@@ -15,7 +15,7 @@ from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import FILL, SIDE, crop_object, masked
 from nablahog.pose.similarity import downsampled_poses
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.rigid import pose_matrix, turn_to
+from nablahog.render.conventions import pose_matrix, turn_to
 
 from .common import degrees_between, model, photographed
 

@@ -16,7 +16,7 @@ from nablahog.pose import PoseEstimate
 from nablahog.pose.crop import crop_object
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.rigid import moved_before, pose_matrix
+from nablahog.render.conventions import moved_before, pose_matrix
 
 from .common import model
 

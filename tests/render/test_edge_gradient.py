@@ -11,7 +11,7 @@ from nablahog.render import Camera, Mesh, pose
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.edge_gradient import edge_crossings, silhouette_edges, surface_motion
 from nablahog.render.rasterize import rasterize
-from nablahog.render.topology import mesh_edges
+from nablahog.render.surface import mesh_edges
 
 from .shapes import CAMERA, box, cylinder, joined, rectangle
 

@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.rigid import in_convention, moved_before, pose_matrix, turn_to
+from nablahog.render.conventions import in_convention, moved_before, pose_matrix, turn_to
 
 POINTS = torch.rand(20, 3, dtype=torch.float64) - 0.5
 INTRINSICS = torch.tensor([[300.0, 0, 70], [0, 300, 66], [0, 0, 1]], dtype=torch.float64)

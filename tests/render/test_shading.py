@@ -10,8 +10,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.render import Light, Mesh
-from nablahog.render.shading import corner_brightness, corner_normals
-from nablahog.render.topology import smoothing_groups
+from nablahog.render.surface import corner_brightness, corner_normals, smoothing_groups
 
 from .shapes import box, cylinder
 

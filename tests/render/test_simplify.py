@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nablahog import native
 from nablahog.render import Camera, Mesh, render
-from nablahog.render.simplify import collapse_edges, simplify
+from nablahog.render.surface import collapse_edges, simplify
 
 from ..chairs import chair
 from .shapes import box, cylinder, joined, poses

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nablahog.render import Mesh
-from nablahog.render.topology import BOUNDARY, CREASE, SMOOTH, Edges, mesh_edges, smoothing_groups
+from nablahog.render.surface import BOUNDARY, CREASE, SMOOTH, Edges, mesh_edges, smoothing_groups
 
 from .shapes import box, cylinder, flipped, mesh, quads, split
 

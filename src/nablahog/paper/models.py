@@ -12,8 +12,7 @@ from pathlib import Path
 from ..io.files import check_folder
 from ..jobs.job_files import local_path
 from ..jobs.store import digest
-from ..render.mesh import Mesh, load_mesh
-from ..render.mesh_archive import FILE, load_meshes, sample_chairs
+from ..render.mesh import FILE, Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2

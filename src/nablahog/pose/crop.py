@@ -19,7 +19,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render import Camera
-from ..render.rigid import turn_to
+from ..render.conventions import turn_to
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it

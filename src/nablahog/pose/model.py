@@ -15,7 +15,7 @@ from ..hog import HOGSpec
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.renderer import Method
-from ..render.simplify import simplify
+from ..render.surface import simplify
 from ..runtime.source import code_key
 from .background import coarse_background
 from .crop import DISTANCE, FILL, SIDE, downsampled

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..hog.box import Box
 from ..render import Camera, Mesh
-from ..render.rigid import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
+from ..render.conventions import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
 from .fit_box import VIEW_COUNT
 from .options import FocalSource, SearchTrace, SimilarityKind
 

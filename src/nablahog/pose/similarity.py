@@ -23,7 +23,7 @@ from ..hog.box import Box
 from ..hog.descriptor import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
-from ..render.pose_gradient import pose_vjp
+from ..render.camera import pose_vjp
 from ..runtime.threads import in_threads
 from .crop import ObjectCrop
 from .whitening import Whitener

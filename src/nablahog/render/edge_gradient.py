@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from .rasterize import barycentric, normalize_weights
-from .topology import BOUNDARY, SMOOTH, Edges
+from .surface import BOUNDARY, SMOOTH, Edges
 
 GAP = 0.05
 """Relative difference of 1 / depth between neighbouring samples above which one surface ends before another."""
@@ -132,13 +132,7 @@ def _crossings_along(
 
 
 def argmax_at(place: Tensor, rank: Tensor, size: int) -> Tensor:
-    """Indices of the entries with the highest rank at each place, the first of several equal ones.
-
-    Args:
-        place: (N,), in 0…size - 1.
-        rank: (N,), at least 0.
-        size: number of places.
-    """
+    """Indices of the entries with the highest rank (N,) ≥ 0 at each place (N,), the first of several equal ones."""
     best = rank.new_full((size,), -1).scatter_reduce(0, place, rank, "amax")
     equal = (rank == best[place]).nonzero().squeeze(1)
     number = place.new_full((size,), len(place)).scatter_reduce(0, place[equal], equal, "amin")

@@ -14,7 +14,7 @@ from ...jobs.runner import cores
 from ...jobs.store import JobResult
 from ...paper.models import Models, read_models
 from ...paper.object_lists import ListedObject, read_objects
-from ...render.axes import axes
+from ...render.mesh import axes
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, as_json, names, rows, write
 from ..results.pose_job import ObjectJob, PoseOptions
