@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from nablahog.hog import hog, presets
 from nablahog.pose.background import default_background
-from nablahog.pose.elements import EMPTY, Elements, all_patches, elements
+from nablahog.pose.photograph import EMPTY, Elements, all_patches, elements
 from nablahog.pose.whitening import Background
 
 SPEC = presets.aubry(8)

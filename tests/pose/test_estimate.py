@@ -14,7 +14,7 @@ from nablahog.hog import presets
 from nablahog.hog.box import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
-from nablahog.pose.confidence import confidence
+from nablahog.pose.vote import confidence
 from nablahog.render import Camera, render, silhouette
 
 from ..chairs import chair

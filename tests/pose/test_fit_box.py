@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.pose.fit_box import azimuth_distance, azimuth_sweep, fit_to_box, hull, level_poses, local_maxima
+from nablahog.pose.model import azimuth_distance, azimuth_sweep, fit_to_box, hull, level_poses, local_maxima
 from nablahog.render import Camera, Mesh
 from nablahog.render.camera import to_camera, to_screen
 

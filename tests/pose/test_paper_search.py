@@ -5,9 +5,8 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from nablahog.pose.ascent import UNITS
-from nablahog.pose.fit_box import azimuth_distance, azimuth_sweep
-from nablahog.pose.paper_search import momentum_ascent
+from nablahog.pose.ascent import UNITS, momentum_ascent
+from nablahog.pose.model import azimuth_distance, azimuth_sweep
 
 from .quadratics import START, quadratic
 

@@ -14,12 +14,15 @@ from nablahog.hog.box import Box
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import default_background, pose_spec
 from nablahog.pose.crop import FILL, ObjectCrop, crop_object, typical_camera
-from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses
 from nablahog.pose.model import (
     DETAIL,
     ELEVATION_STEP,
+    VIEW_COUNT,
     PreparedModel,
+    equidistant_azimuths,
     equivalent_azimuths,
+    fit_to_box,
+    level_poses,
     prepared_model,
     view_descriptors,
 )

@@ -10,8 +10,7 @@ import torch
 from torch.testing import assert_close
 
 from nablahog.pose.crop import FILL, crop_object
-from nablahog.pose.fit_box import VIEW_COUNT, bounding_boxes
-from nablahog.pose.model import prepared_model, view_descriptors
+from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.surroundings import FOUND, ROUGH, places, surroundings, turned, views_around
 from nablahog.render import Camera, pose, render

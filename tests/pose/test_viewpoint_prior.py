@@ -17,7 +17,6 @@ from nablahog.pose import estimate_pose
 from nablahog.pose.background import coarse_background
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
-from nablahog.pose.evidence import at_azimuths, azimuth_evidence, knows
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import PoseProblem
@@ -30,7 +29,7 @@ from nablahog.pose.viewpoint_prior import (
     default_viewpoints,
     mirrored,
 )
-from nablahog.pose.vote import Hypothesis
+from nablahog.pose.vote import Hypothesis, at_azimuths, azimuth_evidence, knows
 from nablahog.render import Mesh, render
 
 from ..chairs import chair

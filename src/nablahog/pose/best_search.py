@@ -13,16 +13,33 @@ from torch import Tensor
 from ..hog.box import Box
 from ..runtime.threads import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
-from .confidence import confidence
-from .evidence import at_azimuths, azimuth_evidence
-from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, local_maxima
-from .model import DETAIL, PreparedModel, equivalent_azimuths, view_descriptors
+from .model import (
+    DETAIL,
+    VIEW_COUNT,
+    PreparedModel,
+    bounding_boxes,
+    equidistant_azimuths,
+    equivalent_azimuths,
+    local_maxima,
+    view_descriptors,
+)
 from .photograph import PreparedPhotograph
-from .pose_estimate import PoseEstimate
-from .problem import PoseProblem
+from .problem import PoseEstimate, PoseProblem
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
-from .vote import Hypothesis, by_score, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
+from .vote import (
+    Hypothesis,
+    at_azimuths,
+    azimuth_evidence,
+    by_score,
+    confidence,
+    mean_viewpoint,
+    more_starts,
+    runners_up,
+    shares_of_best,
+    vote,
+    with_rival,
+)
 
 VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see

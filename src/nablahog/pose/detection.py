@@ -14,9 +14,17 @@ from ..hog.box import Box
 from ..hog.gradient import gray
 from .background import coarse_background
 from .crop import FILL, SIDE
-from .elements import suppress_overlaps
-from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, fit_to_box, level_poses, tilt_views
-from .model import PreparedModel, view_descriptors
+from .model import (
+    VIEW_COUNT,
+    PreparedModel,
+    bounding_boxes,
+    equidistant_azimuths,
+    fit_to_box,
+    level_poses,
+    tilt_views,
+    view_descriptors,
+)
+from .photograph import suppress_overlaps
 from .problem import SMALL, allowed_azimuths, view_penalty
 from .similarity import describe
 from .surroundings import places, turned

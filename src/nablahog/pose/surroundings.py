@@ -20,8 +20,15 @@ from torch.nn import functional
 
 from .background import coarse_background
 from .crop import FILL, blurred, resampled
-from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses, tilt_views
-from .model import PreparedModel, view_descriptors
+from .model import (
+    VIEW_COUNT,
+    PreparedModel,
+    equidistant_azimuths,
+    fit_to_box,
+    level_poses,
+    tilt_views,
+    view_descriptors,
+)
 from .photograph import PreparedPhotograph
 from .similarity import describe
 from .whitening import whitener_of

@@ -1,19 +1,35 @@
-"""Poses that a search has come to: which of them are rivals, and for which side of the object several models vote.
+"""Poses that a search has come to: which are rivals, for which side several models vote, and how sure the azimuth is.
 
-One wrong model may fit any side; where many models fit is the object.
+One wrong model may fit any side; where many models fit is the object.  Views of all models, before any pose is tried
+closely, are evidence for a side, too, and so is a network that has learned what objects of the class look like from
+each side.  The confidence is a logistic regression on all this: the similarity alone says how well a model fits; that
+another side of the object fits as well, or that other models agree, says more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from .fit_box import azimuth_distance, signed_angles
+from .background import coarse_background
+from .model import (
+    VIEW_COUNT,
+    PreparedModel,
+    azimuth_distance,
+    equidistant_azimuths,
+    signed_angles,
+    view_descriptors,
+)
 from .options import SearchTrace
 from .photograph import PreparedPhotograph
+from .similarity import describe
+from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _COARSE = 0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
@@ -22,6 +38,12 @@ _BLUR = 12.0  # degrees
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
 _RUNNERS_UP = 3  # poses from other sides that are kept
+_SHARPNESS = 0.5  # of the soft maximum, in units of similarity
+_NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
+_ASKED = 4  # every fourth view of a model is shown to the network, to see whether it knows the class
+_ELEVATION = 15.0  # degrees, of these views
+_KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`_NEAR` degrees
+_NEAR = 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,3 +194,95 @@ def runners_up(
 def _weights(similarities: Tensor) -> Tensor:
     """Of poses in a vote, (N,), float64."""
     return torch.exp((similarities.double() - similarities.max()) / _AGREED)
+
+
+def azimuth_evidence(
+    models: Sequence[PreparedModel],
+    photographs: Sequence[PreparedPhotograph],
+    penalties: Mapping[float, float],
+    prior: ViewpointPrior | None,
+) -> Tensor:
+    """Logarithms of the probabilities of the azimuths 0°, 7.5°, … in each of several crops, (P, 48), float64.
+
+    Args:
+        models: whose views are compared.
+        photographs: the crops.
+        penalties: of similarity, by the elevations of the views, degrees.
+        prior: counts if it knows the class of the models.
+    """
+    evidence, (_, shrink) = _of_views(models, photographs, penalties), coarse_background()
+    if prior is not None and knows(prior, models):
+        crops = torch.cat([photograph.crop.downsampled(shrink).image for photograph in photographs])
+        evidence += _NETWORK * prior.log_probabilities(describe(crops, prior.spec)).double()
+    return evidence.log_softmax(1)
+
+
+def at_azimuths(evidence: Tensor, azimuths: Tensor) -> Tensor:
+    """Evidence (N, 48), interpolated at one azimuth each (N,), degrees: (N,)."""
+    place = azimuths % 360 * (VIEW_COUNT / 360)
+    low = place.long() % VIEW_COUNT
+    share = place - place.floor()
+    ends = torch.stack([low, (low + 1) % VIEW_COUNT], 1)
+    before, after = evidence.gather(1, ends).unbind(1)
+    return (1 - share) * before + share * after
+
+
+def knows(prior: ViewpointPrior, models: Sequence[PreparedModel]) -> bool:
+    """Whether the prior recognises the azimuths of views of the models: their class, and which side is the front."""
+    return sum(_right_share(prior, model) for model in models) >= _KNOWN * len(models)
+
+
+@lru_cache(maxsize=2048)
+def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
+    """Share of the views of a model whose azimuth the prior tells."""
+    likely = prior.log_probabilities(view_descriptors(model, _ELEVATION)[::_ASKED]).argmax(1)
+    apart = signed_angles(likely * (360 / VIEW_COUNT) - equidistant_azimuths(VIEW_COUNT)[::_ASKED])
+    return float((apart.abs() <= _NEAR).double().mean())
+
+
+def _of_views(
+    models: Sequence[PreparedModel], photographs: Sequence[PreparedPhotograph], penalties: Mapping[float, float]
+) -> Tensor:
+    """A soft maximum of the similarities of all models' views at each azimuth, up to a constant, (P, 48)."""
+    weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
+    sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)
+    for elevation, penalty in penalties.items():
+        for model in models:
+            views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
+            sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
+    return _SHARPNESS * sums.log()
+
+
+class Weights(NamedTuple):
+    """The constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement."""
+
+    constant: float
+    similarity: float
+    rival: float
+    agreement: float
+
+
+KNOWN = Weights(-8.76, 5.88, -3.31, 0.0)  # of a single model
+UNKNOWN = Weights(-5.86, 1.28, 0.84, 6.08)  # of several, none of which need be the object's own
+
+
+def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
+    """The probability that the azimuth is within 15°, or one from which the model looks the same.
+
+    Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
+    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
+
+    Args:
+        similarity: calibrated, of the best pose.
+        rival: share of the best runner-up; 0 if there is none.
+        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
+        known_model: whether there is a single model.
+    """
+    weights = KNOWN if known_model else UNKNOWN
+    logit = (
+        weights.constant
+        + weights.similarity * math.log1p(max(similarity, 0.0))
+        + weights.rival * rival
+        + weights.agreement * agreement
+    )
+    return 1 / (1 + math.exp(-logit))

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...pose.crop import ObjectCrop, crop_object
-from ...pose.elements import all_patches
+from ...pose.photograph import all_patches
 from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
 from .star_matching import NOTHING, Layout, Pyramid, star_match
 
