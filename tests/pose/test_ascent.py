@@ -28,6 +28,14 @@ def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
     assert_close(fitted(top), away, rtol=0, atol=1e-6)  # and by nothing else
 
 
+def test_curvature_is_held_back_so_that_the_top_seems_farther() -> None:
+    """Slopes at the start are exact, since samples come in pairs; a smaller curvature puts the maximum beyond."""
+    away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
+    top, _ = quadratic(START + away * UNITS)
+    for count in (16, 24, 48):
+        assert fitted(top, count) @ away > 1.001 * away @ away
+
+
 def test_samples_without_weight_do_not_count() -> None:
     away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
     offsets, weights = torch.randn(40, 6, dtype=torch.float64), torch.ones(40).double()

@@ -115,8 +115,8 @@ def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None
     box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
     crop = crop_object(photograph, box, focal=focal, axis=axis)
     # what the camera sees that is turned to the object's origin
-    turned = crop.view.turn @ matrix[:3, :3]
-    place = crop.view.turn @ matrix[:3, 3]
+    turned = crop.turn @ matrix[:3, :3]
+    place = crop.turn @ matrix[:3, 3]
     seen = torch.eye(4, dtype=torch.float64)
     seen[:3, :3], seen[:3, 3] = turned, place
     of_crop = torch.tensor([[crop.camera.focal, 0, 64], [0, crop.camera.focal, 64], [0, 0, 1]], dtype=torch.float64)

@@ -75,13 +75,10 @@ def quadratic_ascent(
 
     Args:
         similarity: to be maximised.
-        pose: (6,), float64, the start, angles in degrees.
+        pose: (6,), float64, the start, angles in degrees; what is returned has the same form.
         rounds: of samples.
         generator: of the directions.
         visit: called with the pose (6,) after each round.
-
-    Returns:
-        (6,), float64.
     """
     directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
@@ -117,13 +114,8 @@ def _directions(count: int, generator: torch.Generator) -> Tensor:
 def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
-    A is bent down at least by :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
-
-    Args:
-        offsets: u (N, 6).
-        values: (N,).
-        slopes: (N, 6), NaN where unknown.
-        weights: (N,).
+    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  A is bent down at least by
+    :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
     """
     at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())
@@ -162,9 +154,7 @@ def momentum_ascent(
     Args:
         similarity: to be maximised.
         poses: (B, 6), the starts, all in one batch; angles in degrees.
-        steps: gradient steps.
-        learning_rate: of the steps.
-        momentum: share of the velocity that remains after a step.
+        steps, learning_rate, momentum: of the gradient steps; momentum is the share of the velocity that remains.
         distance_every: steps from one that moves the distance to the next.
         visit: called with the most similar pose (6,) of each step.
 
@@ -186,9 +176,7 @@ def momentum_ascent(
         path.append(torch.stack([poses[:, 0], values], dim=1))
         visit(poses[values.argmax()])
         free = torch.zeros(len(PARAMETERS), dtype=poses.dtype)
-        free[0] = 1
-        if step % distance_every == distance_every - 1:
-            free[2] = 1
+        free[0], free[2] = 1, step % distance_every == distance_every - 1
         velocity = torch.where(free > 0, momentum * velocity + learning_rate * slopes * UNITS / scale, velocity)
         poses = poses + free * velocity * UNITS
         poses[:, 2] = poses[:, 2].clamp(min=1.0)

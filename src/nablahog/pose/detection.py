@@ -27,7 +27,7 @@ from .model import (
 from .photograph import suppress_overlaps
 from .problem import SMALL, allowed_azimuths, view_penalty
 from .similarity import describe
-from .surroundings import places, turned
+from .surroundings import centred, places, turned
 from .whitening import Background, whitener_of
 
 LEVELS = 4  # of the pyramid, from one size of the object to the double
@@ -72,9 +72,7 @@ def find_boxes(
 
     Args:
         image: (C, H, W), the photograph, in 0…1.
-        models: the candidates.
-        initial: azimuth and elevation to begin at, degrees; None if unknown.
-        within: degrees of azimuth on both sides of the initial one.
+        models, initial, within: as in :class:`.problem.PoseProblem`.
         own: background of the coarse descriptor; None for the default one.
 
     Returns:
@@ -106,8 +104,7 @@ def find_boxes(
     best = torch.cat(peaks)
     best = best[best[:, 0].argsort(descending=True)[:_PEAKS]]
     view = best[:, 1].long()
-    poses = level_poses(azimuth_of[view], 0)
-    poses[:, 1] = elevation_of[view]
+    poses = level_poses(azimuth_of[view], elevation_of[view])
     boxes = torch.empty(len(best), 4, dtype=torch.float64)
     for k, model in enumerate(models):
         mine = (model_of[view] == k).nonzero()[:, 0]
@@ -150,8 +147,8 @@ def _levels(image: Tensor, background: Background, shrink: int, tilts: Sequence[
 
 def _cell_places(counts: Sequence[int], cell: int, tilt: float, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """x, y from the middle (rows, cols, 2) of a grid of cells on a turned image, and whether they are in the image."""
-    grid = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cell for count in counts]
-    x, y = (part[0] for part in places(grid, torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()))
+    turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()
+    x, y = (part[0] for part in places(centred(counts, cell), *turn))
     return torch.stack([x, y], 2), (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
 
 

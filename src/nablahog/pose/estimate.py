@@ -186,7 +186,8 @@ def estimate_pose(
         initial=view,
         within=within,
         similarity=similarity,
-        viewpoints=chosen_viewpoints(viewpoints),
+        # a default that does not count need not be read
+        viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
         generator=torch.Generator().manual_seed(seed),
         progress=progress,
@@ -196,11 +197,7 @@ def estimate_pose(
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
-    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W).
-
-    Raises:
-        ValueError: the focal length or the principal point is no such thing.
-    """
+    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
             raise ValueError("principal_point says something only of a camera of known focal length: expected focal")

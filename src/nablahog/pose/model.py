@@ -71,8 +71,7 @@ class PreparedModel:
         """The renderer of images ``shrink`` times smaller than the crop.
 
         Args:
-            method: of derivatives.
-            supersampling: samples of a pixel along a side.
+            method, supersampling: as for :class:`nablahog.Renderer`.
             detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`; with fewer faces
                 it renders faster.
             shrink: factor.
@@ -118,8 +117,7 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
     The model fills the crop, so that views do not depend on the photograph.
 
     Args:
-        model: seen from equidistant azimuths.
-        elevation: of the views, rounded to a multiple of :data:`ELEVATION_STEP`, degrees.
+        model: seen from equidistant azimuths and a multiple of :data:`ELEVATION_STEP` near ``elevation``, degrees.
         own: the background of the descriptor; None for the default one.
 
     Returns:
@@ -161,17 +159,10 @@ def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: 
 
 
 def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) -> tuple[float, ...]:
-    """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself.
+    """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself, degrees.
 
-    A bottle looks the same from everywhere, a table from behind.
-
-    Args:
-        model: whose views are compared.
-        azimuth, elevation: of one, degrees.
-
-    Returns:
-        Multiples of 360 / :data:`VIEW_COUNT` degrees from ``azimuth`` on; all of them for a solid of
-        revolution.
+    A bottle looks the same from everywhere, a table from behind.  They are multiples of 360 / :data:`VIEW_COUNT` from
+    ``azimuth`` on.
     """
     alike = view_correlations(model, ELEVATION_STEP * round(elevation / ELEVATION_STEP))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
@@ -225,21 +216,17 @@ def hull(mesh: Mesh) -> Tensor:
         return torch.from_numpy(np.unique(points, axis=0))
 
 
-def level_poses(azimuths: Tensor, elevation: float) -> Tensor:
-    """Poses (N, 6) at azimuths (N,) and an elevation, degrees, not turned in the image plane, still to be placed."""
-    poses = torch.tensor([0, elevation, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
-    poses[:, 0] = azimuths
+def level_poses(azimuths: Tensor, elevations: float | Tensor) -> Tensor:
+    """Poses (N, 6) at azimuths (N,) and elevations, degrees, not turned in the image plane, still to be placed."""
+    poses = torch.tensor([0, 0, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
+    poses[:, 0], poses[:, 1] = azimuths, elevations
     return poses
 
 
 def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float | Tensor) -> Tensor:
-    """Poses with the distance and shift at which the points' box lies in the middle of the image and has a given size.
+    """Poses (B, 6) with the distance and shift at which the box of points (N, 3) is in the middle and has a given size.
 
-    Args:
-        poses: (B, 6), angles in degrees, see :data:`nablahog.render.PARAMETERS`.
-        points: (N, 3), of the model, see :func:`hull`.
-        camera: of the image.
-        size: width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
+    The size is width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """
     placed = poses.detach().double().numpy().copy()
     turned = _turned(placed, points)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -19,7 +18,7 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.coordinates import pixel_box
 from .background import FINE, coarse_background, default_background, pose_spec
-from .crop import ObjectCrop, crop_object
+from .crop import ObjectCrop
 from .options import SimilarityKind
 from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
 from .whitening import Background, whitener_of
@@ -47,11 +46,6 @@ class PreparedPhotograph:
     def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
         self.crop, self.own_background = crop, background
         self.background = background or default_background(pose_spec())
-
-    def around(self, image: Tensor, box: Sequence[float]) -> PreparedPhotograph:
-        """The crop of the same photograph (C, H, W) around another box, by the same camera."""
-        crop = crop_object(image, box, focal=self.crop.focal, axis=self.crop.axis)
-        return PreparedPhotograph(crop, self.own_background)
 
     def template(self, kind: SimilarityKind) -> Template:
         """The template for one of the similarities of :mod:`.similarity`."""
@@ -203,10 +197,7 @@ def elements(
 
 
 def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:
-    """Indices of the patches (N, r, c, C) above the threshold, the best first, and the discriminability of all, (N,).
-
-    The threshold is in that of an empty patch.
-    """
+    """Indices of the patches (N, r, c, C) above a threshold, the best first, and the discriminability of all, (N,)."""
     discriminability = background.discriminability(patches)
     least = threshold * background.discriminability(patches.new_zeros(1, *patches.shape[1:]))
     order = torch.argsort(discriminability, descending=True, stable=True)
@@ -219,15 +210,12 @@ def element_weights(patches: Tensor, background: Background) -> Tensor:
 
 
 def suppress_overlaps(corners: Tensor, count: int | None, overlap: float) -> Tensor:
-    """Non-maximum suppression: the boxes that overlap with no better one that is kept.
+    """Non-maximum suppression: indices (K,) of the boxes that overlap with no better one that is kept.
 
     Args:
         corners: (N, 4), in order of preference: the low corner and the high one, both x, y or both row, column.
         count: the most to keep; None for no limit.
         overlap: the largest share allowed of the intersection in the smallest box around both.
-
-    Returns:
-        Indices (K,), int64, ascending.
     """
     kept: list[Tensor] = []
     left = torch.arange(len(corners), device=corners.device)

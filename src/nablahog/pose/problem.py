@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -13,8 +14,8 @@ from torch import Tensor
 from ..hog.box import Box
 from ..render import Camera, Mesh
 from ..render.conventions import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
-from .crop import FILL
-from .model import VIEW_COUNT, PreparedModel, fit_to_box, level_poses, signed_angles
+from .crop import FILL, crop_object
+from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles
 from .options import FocalSource, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
 from .viewpoint_prior import ViewpointPrior
@@ -163,8 +164,7 @@ class PoseEstimate:
         return moved_before(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
 
     @property
-    def _unit(self) -> float:
-        """Of the mesh, in those of its file."""
+    def _unit(self) -> float:  # of the mesh, in those of its file
         return 1 / float(self.from_original[:3, 0].norm())
 
     @property
@@ -177,10 +177,9 @@ class PoseEstimate:
         """(4, 4): from the normalised mesh to the frame of the camera."""
         motion = pose_matrix(self.pose[0])
         if self.principal_point is not None:
-            aside = [
-                (at - axis) / self.camera.focal for at, axis in zip(self._place, self.principal_point, strict=True)
-            ]
-            motion[:3] = turn_to(torch.tensor([*aside, 1.0], dtype=torch.float64)).T @ motion[:3]
+            x, y = (at - axis for at, axis in zip(self._place, self.principal_point, strict=True))
+            ray = torch.tensor([x / self.camera.focal, y / self.camera.focal, 1.0], dtype=torch.float64)
+            motion[:3] = turn_to(ray).T @ motion[:3]
         return motion
 
 
@@ -200,8 +199,7 @@ class PoseProblem:
         viewpoints: says from which side an object is seen, among several models; None for views alone.
         focal_from: where the focal length is from.
         generator: of random samples.
-        progress: called with the models done, their number and the name of the one at work.
-        watch: called with the name of a model and each pose (6,) of it for the crop that the search comes to.
+        progress, watch: as for :func:`.estimate.estimate_pose`.
     """
 
     image: Tensor
@@ -224,9 +222,10 @@ class PoseProblem:
             self.progress(done, len(self.models), name)
             yield name, model
 
-    def allowed(self, azimuths: Tensor) -> Tensor:
-        """Which azimuths (N,) are searched, (N,), bool."""
-        return allowed_azimuths(azimuths, self.initial, self.within)
+    @cached_property
+    def allowed(self) -> Tensor:
+        """Which of the views around a model are searched, (VIEW_COUNT,), bool."""
+        return allowed_azimuths(equidistant_azimuths(VIEW_COUNT), self.initial, self.within)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
         """What is subtracted from the similarities of poses (N, 6) for a crop in comparisons, (N,).
@@ -243,6 +242,7 @@ class PoseProblem:
             penalties += SMALL * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
         return penalties
 
+    @cached_property
     def level_penalties(self) -> dict[float, float]:
         """Penalties of level views by their elevations, those to search at, degrees."""
         level = {elevation: level_poses(torch.zeros(1), elevation) for elevation in self.elevations}
@@ -269,20 +269,18 @@ class PoseProblem:
 
     def cropped(self, box: Sequence[float]) -> PreparedPhotograph:
         """The crop of the photograph around another box, seen through the same lens."""
-        return self.photograph.around(self.image, box)
+        crop = self.photograph.crop
+        other = crop_object(self.image, box, focal=crop.focal, axis=crop.axis)
+        return PreparedPhotograph(other, self.photograph.own_background)
 
     def estimate(self, model: str, pose: Tensor, **others: Any) -> PoseEstimate:
         """The estimate at a pose (6,) for the object's crop, with other attributes of :class:`.PoseEstimate`."""
         crop = self.photograph.crop
         moved, camera = crop.in_photograph(pose, *self.image.shape[1:])
-        azimuth, elevation, distance, theta, x, y = moved.tolist()
+        azimuth, *numbers = moved.tolist()
         return PoseEstimate(
             azimuth % 360,
-            elevation,
-            distance,
-            theta,
-            x,
-            y,
+            *numbers,
             camera,
             model,
             crop_pose=pose,

@@ -65,9 +65,7 @@ class CalibratedTemplate:
         with torch.enable_grad():
             descriptors = describe(images, self.spec)
             values, grad_descriptors = self.values_and_gradients(descriptors.detach())
-            product = (
-                descriptors * grad_descriptors
-            ).sum()  # of a scalar: else PyTorch imports SymPy, for half a second
+            product = (descriptors * grad_descriptors).sum()  # a scalar: else PyTorch imports SymPy, for half a second
         (grad_images,) = torch.autograd.grad(product, images)
         return values, grad_images
 
@@ -94,11 +92,7 @@ def deviations(squared: Tensor) -> Tensor:
 def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
     """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
 
-    Args:
-        crop: already ``shrink`` times smaller than the one that poses are meant for.
-        spec: of the descriptor.
-        whitener: of its size.
-        shrink: factor.
+    The crop is already ``shrink`` times smaller than the one that poses are meant for.
     """
     descriptor = whitener.centred(describe(crop.image, spec))
     x0, y0, x1, y1 = crop.valid
@@ -115,9 +109,8 @@ class PatchTemplate:
 
     Attributes:
         spec: of φ.
-        regions: of the N patches in the crop, whole pixels, all of one size, h x w.
+        regions: of the N patches in the crop, which is described as it is, whole pixels, all of one size, h x w.
         descriptors: φ(P_I), (N, rows, cols, C).
-        shrink: 1, the crop is described as it is.
     """
 
     spec: HOGSpec

@@ -76,14 +76,7 @@ class Surroundings:
 
 
 def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Surroundings:
-    """The windows around an object's box.
-
-    Args:
-        photograph: the object's crop.
-        image: (C, H, W), the whole photograph.
-        tilts: degrees.
-        reach: how far around the box.
-    """
+    """The windows around an object's box in an image (C, H, W), at all scales of ``reach`` and tilts, degrees."""
     crop = photograph.crop
     background, shrink = coarse_background(photograph.own_background)
     spec = background.spec
@@ -95,7 +88,7 @@ def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[
     steps = scales / scales.min()
     widened = TURNED if any(tilts) else 1.0
     base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
-    base = resampled(image, replace(crop.view, zoom=zoom), base_side)
+    base = resampled(image, replace(crop, zoom=zoom), base_side)
     levels = []
     for step in steps.tolist():
         smooth = blurred(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
@@ -104,21 +97,16 @@ def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[
     grid = descriptors.shape[2:]
     whitener = whitener_of(background, *grid)
     cells = spec.cell_size[0]
-    # the centres of cells on the turned photograph
-    at = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in grid]
-    level_scales, level_tilts = (
-        part.flatten()
-        for part in torch.meshgrid(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64), indexing="ij")
-    )
-    x, y = places(at, level_scales * shrink, level_tilts)
+    of_levels = torch.cartesian_prod(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64))
+    level_scales, level_tilts = of_levels.unbind(1)
+    x, y = places(centred(grid, cells), level_scales * shrink, level_tilts)  # of cells on the turned photograph
     low, high = crop.valid[:2], crop.valid[2:]
     half = crop.image.shape[-1] / 2
     valid = (x + half >= low[0]) & (x + half <= high[0]) & (y + half >= low[1]) & (y + half <= high[1])
     weights = whitener(whitener.centred(descriptors) * valid[:, None])
     windows = weights.unfold(2, rows, 1).unfold(3, cols, 1)  # (levels, C, down, across, rows, cols)
     down, across = windows.shape[2:4]
-    shift = [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * cells for count in (down, across)]
-    x, y = places(shift, level_scales * shrink, level_tilts)
+    x, y = places(centred((down, across), cells), level_scales * shrink, level_tilts)
     each = down * across
     return Surroundings(
         windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * each, -1),
@@ -139,10 +127,9 @@ def views_around(
     """The views that are more similar than those at neighbouring azimuths, elevations and tilts.
 
     Args:
-        model: whose views.
+        model, elevations: of the views, degrees.
         photograph: the object's crop.
         around: its surroundings.
-        elevations: of the views, degrees.
         allowed: (VIEW_COUNT,), bool: which azimuths.
         count: the most to return.
 
@@ -168,32 +155,26 @@ def views_around(
     values, order = best.flatten()[chosen].sort(descending=True)
     chosen = chosen[order[:count]]
     elevation, azimuth = chosen // (VIEW_COUNT * len(tilts)), chosen // len(tilts) % VIEW_COUNT
-    window = at.flatten()[chosen]
-    poses = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], 0)
-    poses[:, 1] = torch.tensor(elevations, dtype=torch.float64)[elevation]
-    return _placed(poses, model, photograph, around, window), values[:count]
+    scale, tilt, centre = (part[at.flatten()[chosen]] for part in (around.scales, around.tilts, around.centres))
+    seen_from = torch.tensor(elevations, dtype=torch.float64)[elevation]
+    poses = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], seen_from)
+    poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scale), tilt)
+    poses[:, 4:] += centre
+    return poses, values[:count]
 
 
-def _placed(
-    poses: Tensor, model: PreparedModel, photograph: PreparedPhotograph, around: Surroundings, windows: Tensor
-) -> Tensor:
-    """Level poses (K, 6) at the scales, tilts and places of windows (K,) of the surroundings."""
-    scales, tilts, centres = (part[windows] for part in (around.scales, around.tilts, around.centres))
-    poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scales), tilts)
-    poses[:, 4:] += centres
-    return poses
+def centred(counts: Sequence[int], spacing: float = 1.0) -> list[Tensor]:
+    """Coordinates from the middle of ``count`` points in a row, (count,), float64, for each of the counts."""
+    return [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * spacing for count in counts]
 
 
 def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
     """Places in a photograph of the points of a grid on L scaled and tilted copies of it, each (L, rows, cols).
 
     Args:
-        grid: y (rows,) and x (cols,) on the copies, from the middle.
+        grid: y (rows,) and x (cols,) on the copies, from the middle, as the x and y that are returned.
         scales: (L,), pixels of the photograph for one of the copy.
         tilts: (L,), degrees that the copies are turned clockwise.
-
-    Returns:
-        x and y from the middle.
     """
     angle = torch.deg2rad(tilts)
     cosine, sine = ((scales * part)[:, None, None] for part in (angle.cos(), angle.sin()))
@@ -206,7 +187,7 @@ def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, 
 
     The image is turned clockwise by each of T tilts, degrees; its border repeats.
     """
-    grid = [torch.arange(count, dtype=image.dtype) - (count - 1) / 2 for count in size]
+    grid = [each.to(image.dtype) for each in centred(size)]
     x, y = places(grid, image.new_full((len(tilts),), step), image.new_tensor(tilts))
     height, width = image.shape
     at = torch.stack([x * (2 / width), y * (2 / height)], dim=-1)  # coordinates are -1 and 1 at the borders

@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -37,13 +36,15 @@ _AGREED = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _BLUR = 12.0  # degrees
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
+# the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
+KNOWN = -8.76, 5.88, -3.31, 0.0  # of a single model
+UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SHARPNESS = 0.5  # of the soft maximum, in units of similarity
 _NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
 _ASKED = 4  # every fourth view of a model is shown to the network, to see whether it knows the class
 _ELEVATION = 15.0  # degrees, of these views
-_KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`_NEAR` degrees
-_NEAR = 15.0
+_KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`SAME_SIDE` degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +155,7 @@ def more_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> li
 def shares_of_best(
     best: Hypothesis, refined: Sequence[Hypothesis], tilted: Sequence[Hypothesis]
 ) -> list[tuple[float, Hypothesis]]:
-    """Poses with their part of the best one's similarity.
-
-    Args:
-        best: of the refined ones.
-        refined: poses after their ascents.
-        tilted: poses before; those without an ascent are compared with the best of them.
-    """
+    """Poses with their part of the similarity of the best refined one; those without an ascent, of the best tilted."""
     highest = max(one.similarity for one in tilted)
     shares = [(one.similarity / max(best.similarity, 1e-9), one) for one in refined if one is not best]
     started = [azimuth for one in refined for azimuth, _ in one.trace[:-1]]
@@ -177,10 +172,7 @@ def runners_up(
 ) -> list[tuple[Hypothesis, float]]:
     """The poses with the highest shares from sides other than the best one's and each other's, and their shares.
 
-    Args:
-        shares: of poses, and the poses.
-        best: the pose that is estimated.
-        same_view: other azimuths from which its model looks the same, degrees.
+    From the azimuths ``same_view``, degrees, the best one's model looks the same.
     """
     azimuths = [best.azimuth, *same_view]
     chosen: list[tuple[Hypothesis, float]] = []
@@ -204,11 +196,7 @@ def azimuth_evidence(
 ) -> Tensor:
     """Logarithms of the probabilities of the azimuths 0°, 7.5°, … in each of several crops, (P, 48), float64.
 
-    Args:
-        models: whose views are compared.
-        photographs: the crops.
-        penalties: of similarity, by the elevations of the views, degrees.
-        prior: counts if it knows the class of the models.
+    Penalties of similarity are by the elevations of the views, degrees; the prior counts if it knows the class.
     """
     evidence, (_, shrink) = _of_views(models, photographs, penalties), coarse_background()
     if prior is not None and knows(prior, models):
@@ -237,7 +225,7 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     """Share of the views of a model whose azimuth the prior tells."""
     likely = prior.log_probabilities(view_descriptors(model, _ELEVATION)[::_ASKED]).argmax(1)
     apart = signed_angles(likely * (360 / VIEW_COUNT) - equidistant_azimuths(VIEW_COUNT)[::_ASKED])
-    return float((apart.abs() <= _NEAR).double().mean())
+    return float((apart.abs() <= SAME_SIDE).double().mean())
 
 
 def _of_views(
@@ -253,19 +241,6 @@ def _of_views(
     return _SHARPNESS * sums.log()
 
 
-class Weights(NamedTuple):
-    """The constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement."""
-
-    constant: float
-    similarity: float
-    rival: float
-    agreement: float
-
-
-KNOWN = Weights(-8.76, 5.88, -3.31, 0.0)  # of a single model
-UNKNOWN = Weights(-5.86, 1.28, 0.84, 6.08)  # of several, none of which need be the object's own
-
-
 def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
     """The probability that the azimuth is within 15°, or one from which the model looks the same.
 
@@ -278,11 +253,6 @@ def confidence(similarity: float, rival: float, agreement: float, *, known_model
         agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
         known_model: whether there is a single model.
     """
-    weights = KNOWN if known_model else UNKNOWN
-    logit = (
-        weights.constant
-        + weights.similarity * math.log1p(max(similarity, 0.0))
-        + weights.rival * rival
-        + weights.agreement * agreement
-    )
+    constant, of_similarity, of_rival, of_agreement = KNOWN if known_model else UNKNOWN
+    logit = constant + of_similarity * math.log1p(max(similarity, 0.0)) + of_rival * rival + of_agreement * agreement
     return 1 / (1 + math.exp(-logit))

@@ -131,8 +131,8 @@ class Renderer:
         in_torch = behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu"
         if shape or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
             brightness = corner_brightness(mesh, self._groups, self.light) if shape else self._brightness
-            step, method, view = self.supersampling, self.method, poses.double()
-            image = render_torch(mesh, brightness, self.edges, view, self.camera, behind, step, method)
+            view, camera = poses.double(), self.camera
+            image = render_torch(mesh, brightness, self.edges, view, camera, behind, self.supersampling, self.method)
             return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
         inputs = poses.double(), behind, self, is_differentiated(poses)
         images: Tensor = _PoseRendering.apply(*inputs)[0]  # type: ignore[no-untyped-call]
