@@ -35,17 +35,11 @@ _REACH = 2.0  # longest step, in spreads
 
 
 class Round(NamedTuple):
-    """Renderings around a pose, before it is moved.
+    """Renderings around a pose, before it is moved."""
 
-    Attributes:
-        samples: their number, even.
-        spread: root mean square of their offsets, in :data:`UNITS`.
-        slopes: whether to use their derivatives; without, they take two thirds of the time.
-    """
-
-    samples: int
-    spread: float
-    slopes: bool
+    samples: int  # their number, even
+    spread: float  # root mean square of their offsets, in :data:`UNITS`
+    slopes: bool  # whether to use their derivatives; without, they take two thirds of the time
 
 
 SCHEDULE = (

@@ -31,19 +31,12 @@ _LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
 
 @dataclass(frozen=True, eq=False)
 class CropView:
-    """The map from a crop's pixels to its photograph's.
+    """The map from a crop's pixels to its photograph's."""
 
-    Attributes:
-        middle: x, y of the crop's middle in the photograph, pixels.
-        zoom: pixels of the crop for one of the photograph, in its middle.
-        focal: of the photograph's camera, pixels.
-        axis: x, y where the optical axis meets the photograph, pixels; None if that, or the focal length, is unknown.
-    """
-
-    middle: tuple[float, float]
-    zoom: float
-    focal: float
-    axis: tuple[float, float] | None
+    middle: tuple[float, float]  # x, y of the crop's middle in the photograph, pixels
+    zoom: float  # pixels of the crop for one of the photograph, in its middle
+    focal: float  # of the photograph's camera, pixels
+    axis: tuple[float, float] | None  # x, y of the optical axis in the photograph; None if unknown
 
     @cached_property
     def turn(self) -> Tensor:
@@ -96,19 +89,12 @@ class CropView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectCrop(CropView):
-    """A square cut-out around the middle of an object's box.
+    """A square cut-out around the middle of an object's box."""
 
-    Attributes:
-        image: (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats.
-        size: (width, height) of the object's box in it, pixels.
-        camera: sees an object at :data:`DISTANCE` about as large as the box.
-        valid: where the crop shows the photograph, in pixels of the crop; it may reach beyond the border.
-    """
-
-    image: Tensor
-    size: tuple[float, float]
-    camera: Camera
-    valid: Box
+    image: Tensor  # (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats
+    size: tuple[float, float]  # (width, height) of the object's box in it, pixels
+    camera: Camera  # sees an object at :data:`DISTANCE` about as large as the box
+    valid: Box  # where the crop shows the photograph, in pixels of the crop; it may reach beyond the border
 
     def downsampled(self, factor: int) -> ObjectCrop:
         """The crop shrunk by averaging ``factor`` x ``factor`` pixels."""

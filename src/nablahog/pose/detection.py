@@ -44,21 +44,13 @@ _OVERLAP = 0.5  # of two boxes, at most: intersection in the box around both
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """The photograph at one scale and tilt.
+    """The photograph at one scale and tilt."""
 
-    Attributes:
-        weights: (C, rows, cols), its whitened descriptor.
-        middles: (down, across, 2), x, y in the photograph of the middles of windows, pixels.
-        inside: (down, across), whether they are in the photograph.
-        zoom: pixels of the level for one of the photograph.
-        tilt: degrees.
-    """
-
-    weights: Tensor
-    middles: Tensor
-    inside: Tensor
-    zoom: float
-    tilt: float
+    weights: Tensor  # (C, rows, cols), its whitened descriptor
+    middles: Tensor  # (down, across, 2), x, y in the photograph of the middles of windows, pixels
+    inside: Tensor  # (down, across), whether they are in the photograph
+    zoom: float  # pixels of the level for one of the photograph
+    tilt: float  # degrees
 
 
 def find_boxes(

@@ -34,7 +34,6 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 STARTS = 8  # azimuths all around, beside the initial one
-LEARNING_RATE = 2.0
 RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 

@@ -39,12 +39,7 @@ _CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
 class PreparedModel:
-    """A mesh with its renderers for one camera.
-
-    Args:
-        mesh: normalised.
-        camera: of the crop.
-    """
+    """A normalised mesh with its renderers for the camera of a crop."""
 
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)

@@ -36,12 +36,7 @@ def patch_spec(cell_size: tuple[int, int]) -> HOGSpec:
 
 
 class PreparedPhotograph:
-    """An object's crop with its templates.
-
-    Args:
-        crop: the object.
-        background: of the coarse templates; None for the default one of :func:`.background.pose_spec`.
-    """
+    """An object's crop with its templates, the coarse ones of a background, by default that of :func:`.pose_spec`."""
 
     def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
         self.crop, self.own_background = crop, background
@@ -91,10 +86,7 @@ class PreparedPhotograph:
 
 
 def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
-    """First and end of the cells in the middle of ``cells`` that the box's ``pixels`` reach into.
-
-    There are at least as many as an element has.
-    """
+    """First and end of the cells in the middle of ``cells`` that the box's ``pixels`` reach into."""
     middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
 

@@ -185,36 +185,21 @@ class PoseEstimate:
 
 @dataclass(frozen=True, eq=False)
 class PoseProblem:
-    """A photograph, candidate models, and how to search.
+    """A photograph, candidate models, and how to search."""
 
-    Attributes:
-        image: (C, H, W), the whole photograph.
-        photograph: the object's crop with its templates.
-        box: of the object, pixels of the photograph: the one given, or the one where it is most likely.
-        other_boxes: others that the object may be in; None if a box was given.
-        models: the candidates by name.
-        initial: azimuth and elevation to begin at, degrees; None if unknown.
-        within: degrees of azimuth on both sides of the initial one that are searched.
-        similarity: its kind; None for that of the search.
-        viewpoints: says from which side an object is seen, among several models; None for views alone.
-        focal_from: where the focal length is from.
-        generator: of random samples.
-        progress, watch: as for :func:`.estimate.estimate_pose`.
-    """
-
-    image: Tensor
-    photograph: PreparedPhotograph
-    box: Box
-    other_boxes: tuple[Box, ...] | None
-    models: Mapping[str, PreparedModel]
-    initial: tuple[float, float] | None
-    within: float = 180.0
-    similarity: SimilarityKind | None = None
-    viewpoints: ViewpointPrior | None = None
-    focal_from: FocalSource = "assumed"
-    generator: torch.Generator | None = None
-    progress: Callable[[int, int, str], None] = lambda done, total, what: None
-    watch: Callable[[str, Tensor], None] = lambda model, pose: None
+    image: Tensor  # (C, H, W), the whole photograph
+    photograph: PreparedPhotograph  # the object's crop with its templates
+    box: Box  # of the object, pixels of the photograph: the one given, or the one where it is most likely
+    other_boxes: tuple[Box, ...] | None  # others that the object may be in; None if a box was given
+    models: Mapping[str, PreparedModel]  # the candidates by name
+    initial: tuple[float, float] | None  # azimuth and elevation to begin at, degrees; None if unknown
+    within: float = 180.0  # degrees of azimuth on both sides of the initial one that are searched
+    similarity: SimilarityKind | None = None  # its kind; None for that of the search
+    viewpoints: ViewpointPrior | None = None  # counts among several models; None for views alone
+    focal_from: FocalSource = "assumed"  # where the focal length is from
+    generator: torch.Generator | None = None  # of random samples
+    progress: Callable[[int, int, str], None] = lambda done, total, what: None  # as for :func:`.estimate.estimate_pose`
+    watch: Callable[[str, Tensor], None] = lambda model, pose: None  # as for :func:`.estimate.estimate_pose`
 
     def each_model(self) -> Iterator[tuple[str, PreparedModel]]:
         """The models by name, one after the other, with progress."""

@@ -41,19 +41,12 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedTemplate:
-    """The whitened descriptor of a whole crop, with which those of renderings are compared.
+    """The whitened descriptor of a whole crop, with which those of renderings are compared."""
 
-    Attributes:
-        spec: of both descriptors.
-        weights: w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32.
-        whitener: Σ⁻¹.
-        shrink: factor by which the crop is made smaller before it is described.
-    """
-
-    spec: HOGSpec
-    weights: Tensor
-    whitener: Whitener
-    shrink: int = 1
+    spec: HOGSpec  # of both descriptors
+    weights: Tensor  # w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32
+    whitener: Whitener  # Σ⁻¹
+    shrink: int = 1  # factor by which the crop is made smaller before it is described
 
     def similarities(self, images: Tensor) -> Tensor:
         """(B,) of images (B, 1, H, W)."""
@@ -105,17 +98,11 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
 
 @dataclass(frozen=True, eq=False)
 class PatchTemplate:
-    """The patches of a photograph's visual elements, with which the same patches of renderings are compared.
+    """The patches of a photograph's visual elements, with which the same patches of renderings are compared."""
 
-    Attributes:
-        spec: of φ.
-        regions: of the N patches in the crop, which is described as it is, whole pixels, all of one size, h x w.
-        descriptors: φ(P_I), (N, rows, cols, C).
-    """
-
-    spec: HOGSpec
-    regions: tuple[Box, ...]
-    descriptors: Tensor
+    spec: HOGSpec  # of φ
+    regions: tuple[Box, ...]  # of the N patches in the crop, whole pixels, all of one size, h x w
+    descriptors: Tensor  # φ(P_I), (N, rows, cols, C)
     shrink: int = 1
 
     def similarities(self, images: Tensor) -> Tensor:
@@ -177,15 +164,7 @@ def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
 
 
 class Similarity:
-    """The similarity of renderings to a photograph as a function of their poses.
-
-    Args:
-        renderer: with a camera for images of the template's size.
-        template: of the photograph.
-
-    Attributes:
-        renderings: compared so far.
-    """
+    """The similarity of renderings to a template as a function of their poses; it counts the renderings compared."""
 
     def __init__(self, renderer: Renderer, template: Template) -> None:
         self.renderer, self.template = renderer, template
@@ -197,10 +176,7 @@ class Similarity:
         return torch.cat(self._in_batches(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), see :meth:`values`.
-
-        Derivatives by angles are per degree.
-        """
+        """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), per degree, unit and pixel."""
         values, slopes = zip(*self._in_batches(self._derivatives, poses), strict=True)
         by_pose = torch.cat(slopes)
         by_pose[:, 4:] /= self.template.shrink

@@ -35,15 +35,10 @@ from .whitening import whitener_of
 
 
 class Range(NamedTuple):
-    """How far the object may be from its box.
+    """How far the object may be from its box."""
 
-    Attributes:
-        octaves: quarters of an octave that it may be larger or smaller; one moves its border by about a cell.
-        cells: of the coarse descriptor that it may be off in each direction.
-    """
-
-    octaves: int
-    cells: int
+    octaves: int  # quarters of an octave that it may be larger or smaller; one moves its border by about a cell
+    cells: int  # of the coarse descriptor that it may be off in each direction
 
     @property
     def scales(self) -> NDArray[np.float64]:
@@ -59,20 +54,12 @@ _OFF = 0.05  # penalty, as part of the similarity, of a view of twice the box's 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Windows of the photograph's whitened descriptor, each as large as that of a view.
+    """Windows of the photograph's whitened descriptor, each as large as that of a view."""
 
-    Attributes:
-        windows: (P, N), of all levels and places.
-        scales: (P,), float64: size of an object that fills the window, as part of the box's longer side.
-        tilts: (P,), float64: degrees that the photograph was turned clockwise; an object with this in-plane rotation is
-            upright in the window.
-        centres: (P, 2), float64: x, y of the window's middle in the crop, from the middle of that, pixels.
-    """
-
-    windows: Tensor
-    scales: Tensor
-    tilts: Tensor
-    centres: Tensor
+    windows: Tensor  # (P, N), of all levels and places
+    scales: Tensor  # (P,), float64: size of an object that fills the window, as part of the box's longer side
+    tilts: Tensor  # (P,), float64: degrees of in-plane rotation of an object that is upright in the window
+    centres: Tensor  # (P, 2), float64: x, y of the window's middle in the crop, from the middle of that, pixels
 
 
 def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Surroundings:

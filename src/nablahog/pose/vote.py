@@ -49,25 +49,15 @@ _KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`SA
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose of a model with its similarity.
+    """A pose of a model with its similarity."""
 
-    Attributes:
-        similarity: the last one that was computed: of large cells until the ascent, of small ones after it.
-        model: its name.
-        pose: (6,) for the crop.
-        photograph: the crop around the object's box, or around a better one.
-        place: the crop around the box that was given, or that the object may be in.
-        trace: azimuth and coarse similarity of the poses so far.
-        penalty: subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`.
-    """
-
-    similarity: float
-    model: str
-    pose: Tensor
-    photograph: PreparedPhotograph
-    place: PreparedPhotograph
-    trace: tuple[tuple[float, float], ...] = ()
-    penalty: float = 0.0
+    similarity: float  # the last one that was computed: of large cells until the ascent, of small ones after it
+    model: str  # its name
+    pose: Tensor  # (6,) for the crop
+    photograph: PreparedPhotograph  # the crop around the object's box, or around a better one
+    place: PreparedPhotograph  # the crop around the box that was given, or that the object may be in
+    trace: tuple[tuple[float, float], ...] = ()  # azimuth and coarse similarity of the poses so far
+    penalty: float = 0.0  # subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`
 
     def moved(self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0) -> Hypothesis:
         """The hypothesis at another pose, with its similarity and that of the coarse template."""

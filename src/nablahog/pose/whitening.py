@@ -194,13 +194,8 @@ class Whitener:
     Σ of a stationary background is a convolution over cells, and so is its inverse far from the border.  On a torus a
     little larger than the descriptor, the Fourier transform turns both into one C x C matrix for each frequency.
 
-    The autocovariance is known for offsets up to the background's order only: a triangular window fades it out, and λ
-    is added to the eigenvalues of each frequency's matrix.
-
-    Args:
-        background: μ and Σ.
-        rows, cols: of the descriptors, in cells.
-        regularization: λ, by default the background's.
+    The autocovariance is known for offsets up to the background's order only: a triangular window fades it out, and λ,
+    by default the background's, is added to the eigenvalues of each frequency's matrix.
     """
 
     def __init__(self, background: Background, rows: int, cols: int, regularization: float | None = None) -> None:
@@ -244,8 +239,7 @@ class Whitener:
 
     def _spectrum(self, descriptors: Tensor) -> NDArray[np.complex64]:
         """The Fourier transform of descriptors (B, C, rows, cols), (B, C, frequencies)."""
-        # PyTorch is slower at small transforms
-        spectrum = rfft2(descriptors.float().numpy(force=True), s=self.size)
+        spectrum = rfft2(descriptors.float().numpy(force=True), s=self.size)  # PyTorch is slower at small transforms
         half: NDArray[np.complex64] = spectrum.reshape(*spectrum.shape[:2], -1)
         return half
 

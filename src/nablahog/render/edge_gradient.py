@@ -28,26 +28,17 @@ TOUCHING = 0.004
 
 
 class Crossings(NamedTuple):
-    """Links between neighbouring samples that a visible edge crosses.
-
-    Attributes:
-        batch, axis, row, col: (N,): the link goes from sample (row, col) down (axis 0) or to the right (axis 1).
-        at: (N,) in 0…1: how far along the link.
-        slope: (N,): samples along the link that the edge advances for each sample across it.
-        measured: (N,): False where the link is along the edge's minor axis: its crossing counts on the other axis.
-        edge: (N,): index of the edge.
-        part: (N,) in 0…1: how far along the edge, on the screen.
-    """
+    """Links between neighbouring samples that a visible edge crosses: N of them, and as many numbers in each field."""
 
     batch: Tensor
-    axis: Tensor
+    axis: Tensor  # the link goes from a sample down (0) or to the right (1)
     row: Tensor
     col: Tensor
-    at: Tensor
-    slope: Tensor
-    measured: Tensor
-    edge: Tensor
-    part: Tensor
+    at: Tensor  # in 0…1: how far along the link
+    slope: Tensor  # samples along the link that the edge advances for each sample across it
+    measured: Tensor  # False where the link is along the edge's minor axis: its crossing counts on the other axis
+    edge: Tensor  # index of the edge
+    part: Tensor  # in 0…1: how far along the edge, on the screen
 
     def select(self, index: Tensor) -> Crossings:
         """The crossings at an index or in a mask."""

@@ -109,10 +109,9 @@ class Renderer:
         Differentiable in ``poses``, the mesh's vertices and brightness, and ``background``, in reverse and forward
         mode, and by the transforms of ``torch.func``.
 
-        Two implementations: where only poses are differentiated, :meth:`render` in float32, which can be differentiated
-        once; otherwise PyTorch, :func:`.pipeline.render_torch`.  Their images agree up to rounding, their derivatives
-        by poses up to one or two percent with ``"edges"``: the former takes the motion of the surface in the middle of
-        a pixel for that in the whole pixel.
+        Where only poses are differentiated, this is :meth:`render` in float32, which can be differentiated once;
+        otherwise PyTorch, :func:`.pipeline.render_torch`.  Images agree up to rounding, derivatives by poses up to one
+        or two percent with ``"edges"``: the former moves a whole pixel as the surface in its middle.
 
         Args:
             poses: (B, 6), B at least 1, floating point, see :data:`.camera.PARAMETERS`; computed with in float64.
@@ -150,10 +149,9 @@ class Renderer:
         """
         mesh, camera, step, method = self.mesh, self.camera, self.supersampling, self.method
         if not native.can_read(poses):
+            how = background.float(), step, method, derivative
             with torch.no_grad():
-                images = render_torch(
-                    mesh, self._brightness, self.edges, poses, camera, background.float(), step, method, derivative
-                )
+                images = render_torch(mesh, self._brightness, self.edges, poses, camera, *how)
             return Rendering(images[:, 0].clone(), images[:, 1:].clone())
         shape = len(poses), camera.height, camera.width
         # filled by NumPy: PyTorch would wake its own threads, which keep processors busy while they wait

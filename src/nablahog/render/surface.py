@@ -31,17 +31,11 @@ SMOOTH, BOUNDARY, CREASE = 0, 1, 2
 
 
 class Edges(NamedTuple):
-    """The edges of a mesh that can be visible: all but those inside a plane.
+    """The edges of a mesh that can be visible: all but those inside a plane."""
 
-    Attributes:
-        ends: (E, 2), int64 into the mesh's vertices.
-        opposite: (E, 2), int64: the third corners of the two faces; twice the same where there is one face.
-        kind: (E,), int64, one of :data:`SMOOTH`, :data:`BOUNDARY`, :data:`CREASE`.
-    """
-
-    ends: Tensor
-    opposite: Tensor
-    kind: Tensor
+    ends: Tensor  # (E, 2), int64 into the mesh's vertices
+    opposite: Tensor  # (E, 2), int64: the third corners of the two faces; twice the same where there is one face
+    kind: Tensor  # (E,), int64, one of :data:`SMOOTH`, :data:`BOUNDARY`, :data:`CREASE`
 
 
 def _values(tensor: Tensor) -> NDArray[Any]:
