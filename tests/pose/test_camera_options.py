@@ -18,7 +18,7 @@ from nablahog.pose import estimate_pose
 from nablahog.render import pose, render
 from nablahog.render.conventions import moved_before, pose_matrix
 
-from .common import degrees_between, model, photographed
+from .common import box_around, degrees_between, model, photographed
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, B
         ({"focal": "far"}, "focal must be a finite number of pixels above 0, or 'exif', got 'far'"),
     ],
 )
-def test_refuses(scene: tuple[Tensor, Box], changes: dict[str, Any], message: str) -> None:
+def test_refuses_what_is_no_camera(scene: tuple[Tensor, Box], changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         estimate_pose(scene[0], model(), box=scene[1], **changes)  # type: ignore[arg-type]
 
@@ -86,8 +86,7 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
     matrix = pose_matrix(pose(35, 18, 2.6, 3)[0])
     matrix[:3, 3] += matrix.new_tensor([1.2, -0.35, 0])
     image = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
-    rows, cols = (image[0] < 1).nonzero().unbind(1)
-    box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    box = box_around(image[0] < 1)
     estimate = estimate_pose(image, model(), box=box, focal=focal, principal_point=axis)
     assert_close(estimate.intrinsics, intrinsics)
     result = (estimate.matrix() @ torch.linalg.inv(estimate.from_original)) / torch.tensor(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -98,18 +99,8 @@ def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the
     pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 13.5, -18.25], dtype=torch.float64)
     moved, camera = crop.in_photograph(pose, height, width)
     mesh = model()
-    estimate = PoseEstimate(
-        *moved.tolist(),
-        camera,
-        "",
-        0.0,
-        "calibrated",
-        pose,
-        1,
-        Box(0, 0, 9, 9),
-        principal_point=axis,
-        from_original=mesh.from_original,
-    )
+    estimate = PoseEstimate(*moved.tolist(), camera, "", 0.0, "calibrated", pose, 1, Box(0, 0, 9, 9))
+    estimate = replace(estimate, principal_point=axis, from_original=mesh.from_original)
     inverse = torch.linalg.inv(mesh.from_original)
     points = mesh.vertices @ inverse[:3, :3].T + inverse[:3, 3]
     matrix, intrinsics = estimate.matrix(), estimate.intrinsics

@@ -7,13 +7,12 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import Camera, Mesh, pose
+from nablahog.render import Camera, pose
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.edge_gradient import edge_crossings, silhouette_edges, surface_motion
-from nablahog.render.rasterize import rasterize
+from nablahog.render.edge_gradient import silhouette_edges, surface_motion
 from nablahog.render.surface import mesh_edges
 
-from .shapes import CAMERA, box, cylinder, joined, rectangle
+from .shapes import box, cylinder, joined
 
 WIDE = Camera.from_field_of_view(90, 40, 40)
 
@@ -53,31 +52,3 @@ def test_silhouettes_are_where_one_face_is_turned_to_the_camera_and_one_away(whe
     front = (points[0][result.ends][..., 2] > 1e-3).all(1)
     assert front.sum() > 5
     assert torch.equal(silhouette_edges(to_screen(points, where, WIDE), result)[0][front], expected[front])
-
-
-def test_crossings_of_a_rectangle() -> None:
-    """Its left side crosses the links to the right in the rows that it covers, as far along as it says."""
-    one = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA)
-    where = pose(0, distance=3)
-    screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
-    ids, inverse = rasterize(screen, one.faces, 48, 40)
-    result = edge_crossings(screen, mesh_edges(one), ids, inverse)
-    left = (result.axis == 1) & (result.col < 20)
-    assert result.row[left].tolist() == list(range(11, 33))
-    assert (result.col[left] == 8).all()
-    assert_close(result.at[left], torch.full((22,), 0.8, dtype=torch.float64))
-    assert_close(result.slope[left], torch.zeros(22, dtype=torch.float64))
-    assert result.measured[left].all()
-    assert len(result.at) == 2 * 22 + 2 * 21
-
-
-def test_hidden_edges_cross_nothing() -> None:
-    behind = rectangle(12, 14, 20, 25, CAMERA, distance=3.5)
-    hidden = Mesh(behind.vertices + torch.tensor([0, 0.5, 0]), behind.faces, behind.brightness)
-    alone, both = rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), joined(rectangle(9.3, 11.2, 30.4, 33.1, CAMERA), hidden)
-    where, result = pose(0, distance=3), []
-    for one in (alone, both):
-        screen = to_screen(to_camera(one.vertices, where), where, CAMERA)
-        result.append(edge_crossings(screen, mesh_edges(one), *rasterize(screen, one.faces, 48, 40)))
-    assert torch.equal(result[0].row, result[1].row)
-    assert torch.equal(result[0].at, result[1].at)
