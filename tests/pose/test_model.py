@@ -20,7 +20,6 @@ from nablahog.pose.model import (
     VIEW_COUNT,
     PreparedModel,
     azimuth_distance,
-    azimuth_sweep,
     equidistant_azimuths,
     equivalent_azimuths,
     fit_to_box,
@@ -39,7 +38,6 @@ from ..chairs import chair
 from ..render.shapes import box as cuboid
 from ..render.shapes import cylinder
 from .common import columns, degrees_between, model, photographed
-from .test_ascent import START
 
 CAMERA = Camera(400.0, 128, 160)
 
@@ -110,13 +108,6 @@ def test_of_flat_meshes_all_corners_count(corners: int) -> None:
 def test_distances_go_round() -> None:
     assert azimuth_distance(350, 20) == azimuth_distance(20, 350) == azimuth_distance(380, -10) == 30
     assert azimuth_distance(0, 180) == 180
-
-
-def test_azimuth_sweep() -> None:
-    poses = azimuth_sweep(START, 4)
-    assert poses[:, 0].tolist() == [100, 190, 280, 370]
-    assert (poses[:, 1:] == START[1:]).all()
-    assert START[0] == 100
 
 
 @pytest.mark.parametrize(

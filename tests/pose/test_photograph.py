@@ -42,13 +42,6 @@ def result(descriptor: Tensor, background: Background) -> Elements:
     return elements(descriptor, background, (4, 5), count=None, threshold=1.2)
 
 
-def test_all_patches() -> None:
-    descriptor = torch.rand(6, 7, 9)
-    patches = all_patches(descriptor, (2, 3))
-    assert patches.shape == (5, 5, 2, 3, 9)
-    assert torch.equal(patches[3, 4], descriptor[3:5, 4:7])
-
-
 def test_they_are_patches_of_the_descriptor(result: Elements, descriptor: Tensor, background: Background) -> None:
     assert len(result) > 5
     assert repr(result).startswith(f"<Elements: {len(result)} of ")

@@ -99,13 +99,6 @@ def test_no_poses(poses: Tensor) -> None:
 SMALL = Camera(300.0, 20, 30)
 
 
-def some_poses() -> torch.Tensor:
-    generator = torch.Generator().manual_seed(0)
-    spread = torch.tensor([200.0, 60, 0.3, 40, 5, 5], dtype=torch.float64)
-    middle = torch.tensor([0.0, 0, 3, 0, 0, 0], dtype=torch.float64)
-    return middle + spread * torch.randn(7, 6, generator=generator, dtype=torch.float64)
-
-
 both = pytest.mark.parametrize("loops", [True, False], ids=["native", "plain"])
 
 
@@ -113,7 +106,7 @@ both = pytest.mark.parametrize("loops", [True, False], ids=["native", "plain"])
 def test_rotations(loops: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if not loops:
         monkeypatch.setattr(native, "library", lambda: None)
-    for where in (some_poses(), some_poses()[::2]):
+    for where in (poses(7, 3.0), poses(7, 3.0)[::2]):
         result = rotation_matrices(where.numpy())
         np.testing.assert_allclose(result, rotations(where).numpy(), rtol=1e-12, atol=1e-12)
 
@@ -125,7 +118,7 @@ def test_the_vjp_is_the_adjoint_of_the_jacobian(
 ) -> None:
     if not loops:
         monkeypatch.setattr(native, "library", lambda: None)
-    where, generator = some_poses(), torch.Generator().manual_seed(1)
+    where, generator = poses(7, 3.0), torch.Generator().manual_seed(1)
     grad_image = torch.randn(7, 20, 30, generator=generator, dtype=torch.float64)
     screen_gradient = torch.randn(7, 4, 20, 30, generator=generator, dtype=torch.float64)
     expected = torch.einsum("bkhw,bhw->bk", pose_jacobian(screen_gradient, where, SMALL), grad_image).to(dtype)

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render
-from nablahog.render.rasterize import barycentric, clip, normalize_weights, rasterize, rasterize_torch
+from nablahog.render.rasterize import clip, rasterize, rasterize_torch
 from nablahog.render.renderer import Method
 
 from .shapes import FLAT, box, mesh, quads
@@ -122,16 +122,6 @@ def test_triangles_of_no_area_and_those_behind_are_not_seen(find: object, dtype:
     ids, inverse = find(points, faces, HEIGHT, WIDTH)
     assert (ids == -1).all()
     assert not inverse.any()
-
-
-def test_barycentric_coordinates() -> None:
-    corners = torch.rand(9, 3, 2, dtype=torch.float64)
-    weights = torch.rand(9, 3, dtype=torch.float64)
-    weights = normalize_weights(weights)
-    assert_close(weights.sum(1), torch.ones(9, dtype=torch.float64))
-    x, y = (weights[..., None] * corners).sum(1).T
-    faces = torch.arange(27).reshape(9, 3).flip(0)
-    assert_close(barycentric(corners, faces, x, y), weights)
 
 
 WIDE = Camera.from_field_of_view(60, 30, 40)

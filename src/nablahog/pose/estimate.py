@@ -134,7 +134,7 @@ def estimate_pose(
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.background.pose_spec`, learned from photographs that come with scikit-image.
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
-            :mod:`.evidence`; it counts only where it knows the class that the models are of.  By default
+            :mod:`.vote`; it counts only where it knows the class that the models are of.  By default
             that of chairs that comes with the package; None for none.
         seed: of random samples.
         progress: called with the models done, their number and the name of the one at work.

@@ -188,7 +188,13 @@ def azimuth_evidence(
 
     Penalties of similarity are by the elevations of the views, degrees; the prior counts if it knows the class.
     """
-    evidence, (_, shrink) = _of_views(models, photographs, penalties), coarse_background()
+    weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
+    sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)
+    for elevation, penalty in penalties.items():
+        for model in models:
+            views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
+            sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
+    evidence, (_, shrink) = _SHARPNESS * sums.log(), coarse_background()  # a soft maximum over models
     if prior is not None and knows(prior, models):
         crops = torch.cat([photograph.crop.downsampled(shrink).image for photograph in photographs])
         evidence += _NETWORK * prior.log_probabilities(describe(crops, prior.spec)).double()
@@ -216,19 +222,6 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     likely = prior.log_probabilities(view_descriptors(model, _ELEVATION)[::_ASKED]).argmax(1)
     apart = signed_angles(likely * (360 / VIEW_COUNT) - equidistant_azimuths(VIEW_COUNT)[::_ASKED])
     return float((apart.abs() <= SAME_SIDE).double().mean())
-
-
-def _of_views(
-    models: Sequence[PreparedModel], photographs: Sequence[PreparedPhotograph], penalties: Mapping[float, float]
-) -> Tensor:
-    """A soft maximum of the similarities of all models' views at each azimuth, up to a constant, (P, 48)."""
-    weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
-    sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)
-    for elevation, penalty in penalties.items():
-        for model in models:
-            views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
-            sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
-    return _SHARPNESS * sums.log()
 
 
 def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
