@@ -15,9 +15,8 @@ from nablahog.hog.box import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
 from nablahog.pose.vote import confidence
-from nablahog.render import Camera, render, silhouette
+from nablahog.render import Camera, silhouette
 
-from ..chairs import chair
 from .common import SWIVEL, WOODEN, box_around, degrees_between, model, overlap, photographed
 
 Scene = tuple[Tensor, Box]
@@ -210,29 +209,21 @@ def test_runners_up_are_other_sides_the_best_first() -> None:
     assert min(degrees_between(one, other) for k, one in enumerate(sides) for other in sides[:k]) > 15
 
 
-WATCHED = (28, 12, 95, 125)
-
-
-def rendering() -> Tensor:
-    camera = Camera.from_field_of_view(30, 128, 128)
-    return render(chair(3), torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
-
-
 @pytest.mark.parametrize("method", ["best", "paper-edges"])
-def test_each_pose_that_the_search_comes_to_is_watched(method: Any) -> None:
+def test_each_pose_that_the_search_comes_to_is_watched(clean: Scene, method: Any) -> None:
     seen: list[tuple[str, Tensor]] = []
-    options: dict[str, Any] = {"box": WATCHED, "initial": (0, 20), "method": method}
-    models = {"chair": chair(3)}
-    watched = estimate_pose(rendering(), models, watch=lambda *each: seen.append(each), **options)
-    alone = estimate_pose(rendering(), models, **options)
+    options: dict[str, Any] = {"box": clean[1], "initial": (200, 18), "method": method}
+    models = {"chair": model()}
+    watched = estimate_pose(clean[0], models, watch=lambda *each: seen.append(each), **options)
+    alone = estimate_pose(clean[0], models, **options)
     assert torch.equal(watched.crop_pose, alone.crop_pose)
-    assert {model for model, _ in seen} == {"chair"}
+    assert {name for name, _ in seen} == {"chair"}
     assert all(pose.shape == (6,) for _, pose in seen)
     nearest = min(float((pose - watched.crop_pose).abs().max()) for _, pose in seen)
     assert nearest < 0.5  # degrees, or pixels
 
 
-def test_an_exception_ends_the_search() -> None:
+def test_an_exception_ends_the_search(clean: Scene) -> None:
     class Enough(Exception):
         pass
 
@@ -240,4 +231,4 @@ def test_an_exception_ends_the_search() -> None:
         raise Enough
 
     with pytest.raises(Enough):
-        estimate_pose(rendering(), chair(3), box=WATCHED, initial=(0, 20), watch=watch)
+        estimate_pose(clean[0], model(), box=clean[1], initial=(0, 20), watch=watch)

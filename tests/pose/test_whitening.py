@@ -16,7 +16,6 @@ from torch.testing import assert_close
 from nablahog import native
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.io.images import limit_size
-from nablahog.pose import background as learning
 from nablahog.pose import whitening
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.whitening import Background, Whitener
@@ -74,12 +73,6 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
         ]
         expected = torch.stack(products).mean(0)
         assert_close(background.covariance[dy, ORDER + dx], expected, rtol=0, atol=1e-6)
-
-
-def test_the_default_is_learned_once() -> None:
-    background = default_background(presets.aubry(8), 5)
-    assert background is default_background(presets.aubry(8), 5)
-    assert background.images == learning.SAMPLE_NAMES
 
 
 @pytest.mark.parametrize(
