@@ -148,7 +148,8 @@ def antialias(
     """
     image = torch.nn.functional.avg_pool2d(samples[:, None], step)[:, 0]
     for axis in (0, 1):
-        difference, size = samples.diff(dim=1 + axis), samples.shape[1 + axis] - 1
+        size = samples.shape[1 + axis] - 1
+        difference = samples.narrow(1 + axis, 1, size) - samples.narrow(1 + axis, 0, size)
         touching = (ids >= 0).narrow(1 + axis, 0, size) | (ids >= 0).narrow(1 + axis, 1, size)  # links of the object
         on_axis = crossings.select(crossings.axis == axis)
         crossed = torch.zeros_like(touching)
