@@ -15,10 +15,9 @@ from nablahog.hog.gradient import gray
 from nablahog.io.sample_photographs import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import FILL, crop_object, typical_camera
-from nablahog.pose.detection import find_boxes
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.surroundings import FOUND, ROUGH, places, surroundings, turned, views_around
+from nablahog.pose.surroundings import FOUND, ROUGH, find_boxes, places, surroundings, turned, views_around
 from nablahog.render import Camera, pose, render, silhouette
 from nablahog.render.camera import to_camera, to_screen
 

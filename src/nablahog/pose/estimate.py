@@ -24,11 +24,11 @@ from ..render.renderer import Method
 from .ascent import momentum_ascent
 from .best_search import best_search
 from .crop import check_photograph, crop_object, masked, typical_camera
-from .detection import find_boxes
 from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
 from .problem import ELEVATIONS, PoseEstimate, PoseProblem
+from .surroundings import find_boxes
 from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
 from .whitening import Background
 
