@@ -12,7 +12,7 @@ from pathlib import Path
 from ..io.files import check_folder
 from ..jobs.job_files import local_path
 from ..jobs.store import digest
-from ..render.mesh import FILE, Mesh, load_mesh, load_meshes, sample_chairs
+from ..render.mesh import SAMPLE_CHAIRS, Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
@@ -116,7 +116,7 @@ class Model:
         Raises:
             OSError: the file cannot be read.
         """
-        return f"{digest(FILE)}{digest(SCENE_CHAIRS)}" if self.file is None else digest(local_path(self.file))
+        return f"{digest(SAMPLE_CHAIRS)}{digest(SCENE_CHAIRS)}" if self.file is None else digest(local_path(self.file))
 
 
 @lru_cache(CACHED)

@@ -27,7 +27,7 @@ FLAT = 1e-12
 FRONTS = {"z": "-y", "y": "+z"}
 """The axis that the front of CAD models usually looks along, by the axis that points up."""
 
-FILE = Path(__file__).parents[1] / "io" / "chairs.npz"
+SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
 _Y_UP = (".obj", ".glb")
 _FORMAT = 1  # of an archive
 _ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
@@ -257,7 +257,7 @@ def sample_chairs() -> dict[str, Mesh]:
     >>> round(float((mesh.vertices.amax(0) - mesh.vertices.amin(0)).norm()), 5)  # the diagonal of its bounding box
     1.0
     """
-    return dict(load_meshes(FILE))
+    return dict(load_meshes(SAMPLE_CHAIRS))
 
 
 @lru_cache
