@@ -262,10 +262,14 @@ class PoseProblem:
         """The estimate at a pose (6,) for the object's crop, with other attributes of :class:`.PoseEstimate`."""
         crop = self.photograph.crop
         moved, camera = crop.in_photograph(pose, *self.image.shape[1:])
-        azimuth, *numbers = moved.tolist()
+        azimuth, elevation, distance, theta, x, y = moved.tolist()
         return PoseEstimate(
             azimuth % 360,
-            *numbers,
+            elevation,
+            distance,
+            theta,
+            x,
+            y,
             camera,
             model,
             crop_pose=pose,

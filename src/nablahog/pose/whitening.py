@@ -132,7 +132,8 @@ class Background(LearnedModel):
     def decorrelate(self, templates: Tensor) -> Tensor:
         """L⁻¹(q − μ), (N, rows, cols, C): over the background, entries of unit variance that do not correlate."""
         centred, factor = self._centred(templates)
-        return torch.linalg.solve_triangular(factor, centred, upper=False).T.reshape(templates.shape).to(templates)
+        white: Tensor = torch.linalg.solve_triangular(factor, centred, upper=False)
+        return white.T.reshape(templates.shape).to(templates)
 
     def whiten(self, templates: Tensor) -> Tensor:
         """Σ⁻¹(q − μ), (N, rows, cols, C): the weights of the linear discriminant between q and the background."""
@@ -289,8 +290,7 @@ def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:
     torus = offsets.new_zeros((*size, *offsets.shape[2:]))
     dy, dx = (torch.arange(-order, order + 1) % side for side in size)
     # offsets beyond half the torus coincide with others: both are added
-    torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
-    return torus
+    return torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
 
 
 @lru_cache(maxsize=64)
