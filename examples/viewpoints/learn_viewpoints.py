@@ -27,7 +27,7 @@ from nablahog.paper.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose.background import coarse_background
 from nablahog.pose.crop import crop_object
-from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths
+from nablahog.pose.model import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
 from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
 from nablahog.runtime.pytorch import seeded

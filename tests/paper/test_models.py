@@ -12,7 +12,7 @@ import torch
 
 from nablahog import Mesh, sample_chairs
 from nablahog.paper.models import Meshes, Model, chair_library, models_in, read_models, scene_chairs
-from nablahog.render.mesh_archive import load_meshes, save_meshes
+from nablahog.render.mesh import load_meshes, save_meshes
 
 TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"

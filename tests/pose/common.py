@@ -28,8 +28,12 @@ def photographed(mesh: Mesh, azimuth: float, elevation: float, *, behind: str = 
     at = pose(azimuth, elevation, 2.8, x=22, y=-8)
     background = gray(sample_photograph(behind)[None])[:, :, 100:250, 60:240] if behind else 1.0
     image = render(mesh, at, camera, background=background)[0]
-    rows, cols = (silhouette(mesh, at, camera)[0, 0] > 0.5).nonzero().unbind(1)
-    return image, Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    return image, box_around(silhouette(mesh, at, camera)[0, 0] > 0.5)
+
+
+def box_around(mask: Tensor) -> Box:
+    rows, cols = mask.nonzero().unbind(1)
+    return Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
 
 
 def degrees_between(one: float, other: float) -> float:

@@ -1,6 +1,8 @@
-"""The fitted quadratic: its maximum, where it is not believed, and the ascent to it."""
+"""The fitted quadratic and the ascent to its maximum, and the paper's gradient ascent with momentum, step by step."""
 
 from __future__ import annotations
+
+from typing import cast
 
 import pytest
 import torch
@@ -8,9 +10,34 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.pose import ascent
-from nablahog.pose.ascent import UNITS, Round, quadratic_ascent
+from nablahog.pose.ascent import UNITS, Round, momentum_ascent, quadratic_ascent
+from nablahog.pose.model import azimuth_distance, azimuth_sweep
+from nablahog.pose.similarity import Similarity
 
-from .quadratics import START, Quadratic, quadratic
+START = torch.tensor([100.0, 10, 3, 0, 5, -5], dtype=torch.float64)
+
+
+class Quadratic:
+    """A quadratic with its maximum at ``top``, in units of the parameters, jagged by ``jags``."""
+
+    def __init__(self, top: Tensor, bend: Tensor, jags: float = 0.0) -> None:
+        self.top, self.bend, self.jags, self.samples = top, bend, jags, 0
+
+    def values(self, poses: Tensor) -> Tensor:
+        return self.derivatives(poses)[0]
+
+    def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
+        self.samples += len(poses)
+        u = (poses - self.top) / UNITS
+        jag, steep = self.jags * torch.sin(50 * u), 50 * self.jags * torch.cos(50 * u)
+        values = 7 - 0.5 * torch.einsum("ni,ij,nj->n", u, self.bend, u) + jag.sum(1)
+        return values, (steep - u @ self.bend) / UNITS
+
+
+def quadratic(top: Tensor, jags: float = 0.0) -> tuple[Quadratic, Similarity]:
+    mixed = torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    function = Quadratic(top, torch.eye(6, dtype=torch.float64) + 0.2 * mixed @ mixed.T, jags)
+    return function, cast(Similarity, function)
 
 
 def fitted(top: Quadratic, count: int = 16) -> Tensor:
@@ -26,6 +53,14 @@ def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (fitted(top, 24) - away).norm() < 0.1 * away.norm()  # curvature is held back a little,
     monkeypatch.setattr(ascent, "_STIFFNESS", 0.0)
     assert_close(fitted(top), away, rtol=0, atol=1e-6)  # and by nothing else
+
+
+def test_curvature_is_held_back_so_that_the_top_seems_farther() -> None:
+    """Slopes at the start are exact, since samples come in pairs; a smaller curvature puts the maximum beyond."""
+    away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
+    top, _ = quadratic(START + away * UNITS)
+    for count in (16, 24, 48):
+        assert fitted(top, count) @ away > 1.001 * away @ away
 
 
 def test_samples_without_weight_do_not_count() -> None:
@@ -89,3 +124,46 @@ def test_ascent_on_a_jagged_quadratic() -> None:
     assert ((result - START) / UNITS - away).norm() < 0.35 * away.norm()
     again = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
     assert torch.equal(again, result)
+
+
+def test_momentums_first_steps_by_hand() -> None:
+    _, similarity = quadratic(START + torch.tensor([2.0, 1, -1, 0, 0, 0]).double() * UNITS)
+    start = START[None]
+    learning_rate, momentum = 0.1, 0.5
+    value, slope = similarity.derivatives(start)
+    options = {"learning_rate": learning_rate, "momentum": momentum}
+    best, values, path = momentum_ascent(similarity, start, steps=2, distance_every=2, **options)
+    assert path.shape == (3, 1, 2)
+    first = learning_rate * slope[0, 0] * UNITS[0] / value[0]
+    second_pose = start.clone()
+    second_pose[0, 0] += first * UNITS[0]
+    second_value, second_slope = similarity.derivatives(second_pose)
+    second = momentum * first + learning_rate * second_slope[0, 0] * UNITS[0] / value[0]
+    third_pose = second_pose.clone()
+    third_pose[0, 0] += second * UNITS[0]
+    third_pose[0, 2] += learning_rate * second_slope[0, 2] * UNITS[2] / value[0] * UNITS[2]  # every other step
+    third_value, _ = similarity.derivatives(third_pose)
+    expected = torch.stack([start[0, 0], second_pose[0, 0], third_pose[0, 0]])
+    assert_close(path[:, 0, 0], expected)
+    assert_close(path[:, 0, 1], torch.cat([value, second_value, third_value]))
+    top = int(torch.cat([value, second_value, third_value]).argmax())
+    assert_close(values, path[top, :, 1])
+    assert_close(best, torch.cat([start, second_pose, third_pose])[top : top + 1])
+
+
+def test_momentum_ascends_and_keeps_the_best() -> None:
+    _, similarity = quadratic(START + torch.tensor([4.0, 0, 0, 0, 0, 0]).double() * UNITS)
+    starts = azimuth_sweep(START, 36)[[0, 1, 2]]
+    best, values, path = momentum_ascent(similarity, starts)
+    assert (values >= path[0, :, 1]).all()
+    assert_close(values, path[..., 1].amax(0))
+    assert_close(similarity.derivatives(best)[0], values)
+    assert torch.equal(best[:, [1, 3, 4, 5]], starts[:, [1, 3, 4, 5]])
+    assert (best[:, 2] != starts[:, 2]).any()
+    assert azimuth_distance(float(best[0, 0]), 112) < 4
+
+
+def test_momentum_keeps_its_distance() -> None:
+    _, similarity = quadratic(START - torch.tensor([0, 0, 200.0, 0, 0, 0]).double() * UNITS)
+    best, _, _ = momentum_ascent(similarity, START[None], distance_every=1)
+    assert best[0, 2] >= 1

@@ -90,31 +90,6 @@ def test_derivatives_by_the_pose_are_the_chain_rules(photograph: PreparedPhotogr
     assert of.renderings == 6
 
 
-@pytest.mark.parametrize(("kind", "least"), [("patches", 0.85), ("calibrated", 0.75)])
-def test_derivatives_by_azimuth_are_about_the_slopes_of_fine_renderings(
-    photograph: PreparedPhotograph, kind: SimilarityKind, least: float
-) -> None:
-    """Not exactly: similarities are jagged below a degree."""
-    azimuths, step = torch.arange(3.0, 360, 20), 0.1
-    of, fine = similarity(photograph, kind, 4), similarity(photograph, kind, 12)
-    slopes = of.derivatives(columns(azimuths))[1][:, 0]
-    expected = (fine.values(columns(azimuths + step)) - fine.values(columns(azimuths - step))) / (2 * step)
-    assert torch.cosine_similarity(slopes, expected, dim=0) > least
-    assert slopes.norm() / expected.norm() == pytest.approx(1, abs=0.3)
-
-
-def test_values_do_not_depend_on_the_number_of_threads(photograph: PreparedPhotograph) -> None:
-    of = similarity(photograph, "calibrated")
-    poses = columns(torch.linspace(0, 340, 35))
-    one = of.derivatives(poses)
-    torch.set_num_threads(2)
-    try:
-        two = of.derivatives(poses)
-    finally:
-        torch.set_num_threads(1)
-    assert_close(two, one, rtol=1e-6, atol=1e-6)
-
-
 # --- the paper's, of patches ------------------------------------------------------------------------------------------
 
 REGIONS = (Box(0, 0, 24, 16), Box(8, 4, 32, 20), Box(16, 24, 40, 40))  # the first two overlap

@@ -1,4 +1,4 @@
-"""The surroundings of a box, at several scales and in-plane rotations, and the views that fit there."""
+"""Where the box is rough, cut off or missing: its surroundings, at several scales and rotations."""
 
 from __future__ import annotations
 
@@ -7,17 +7,28 @@ import math
 
 import pytest
 import torch
+from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.pose.crop import FILL, crop_object
-from nablahog.pose.fit_box import VIEW_COUNT, bounding_boxes
-from nablahog.pose.model import prepared_model, view_descriptors
+from nablahog.hog.box import Box
+from nablahog.hog.gradient import gray
+from nablahog.io.images import sample_photograph
+from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.pose.crop import FILL, crop_object, typical_camera
+from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.surroundings import FOUND, ROUGH, places, surroundings, turned, views_around
-from nablahog.render import Camera, pose, render
+from nablahog.pose.surroundings import FOUND, ROUGH, find_boxes, places, surroundings, turned, views_around
+from nablahog.render import Camera, pose, render, silhouette
 from nablahog.render.camera import to_camera, to_screen
 
-from .common import degrees_between, model, photographed
+from .common import box_around, degrees_between, model, photographed
+
+
+@pytest.fixture(scope="module")
+def photo() -> tuple[Tensor, PreparedPhotograph]:
+    """A chair in front of a photograph, and its crop."""
+    image, box = photographed(model(), 40, 15, behind="coffee")
+    return image, PreparedPhotograph(crop_object(image, box))
 
 
 def test_what_is_turned_counter_clockwise_is_upright_again() -> None:
@@ -42,9 +53,8 @@ def test_samples_of_a_turned_ramp_are_those_at_their_places(tilt: float) -> None
     assert_close(samples.double(), 2 * at_x + 3 * at_y, rtol=0, atol=1e-4)
 
 
-def test_the_window_of_the_box_is_the_template() -> None:
-    image, box = photographed(model(), 40, 15, behind="coffee")
-    photograph = PreparedPhotograph(crop_object(image, box))
+def test_the_window_of_the_box_is_the_template(photo: tuple[Tensor, PreparedPhotograph]) -> None:
+    image, photograph = photo
     windows = surroundings(photograph, image, [0], FOUND)
     (same,) = ((windows.scales == 1) & (windows.centres == 0).all(1)).nonzero()
     template = photograph.calibrated.weights.flatten()
@@ -69,10 +79,9 @@ def test_the_best_view_is_where_the_object_is() -> None:
     assert max(abs(float(side) - of) for side, of in zip(sides, expected, strict=True)) < 0.1 * FILL
 
 
-def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
+def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Tensor, PreparedPhotograph]) -> None:
     """The same windows said to be of twice the size, or half a side away: 5 % less each, 10 % for both."""
-    image, box = photographed(model(), 40, 15, behind="coffee")
-    photograph = PreparedPhotograph(crop_object(image, box))
+    image, photograph = photo
     one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
     windows = torch.stack([view_descriptors(one, 15)[5].flatten()] * 4)
     scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
@@ -91,9 +100,8 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity() -> None:
     assert [value / scores[0] for value in scores] == pytest.approx([1, 0.95, 0.95, 0.9])
 
 
-def test_a_tilted_view_is_the_upright_one_turned_about_the_window() -> None:
-    image, box = photographed(model(), 40, 15, behind="coffee")
-    photograph = PreparedPhotograph(crop_object(image, box))
+def test_a_tilted_view_is_the_upright_one_turned_about_the_window(photo: tuple[Tensor, PreparedPhotograph]) -> None:
+    image, photograph = photo
     one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
     scale, tilt, centre = 1.25, 25.0, torch.tensor([6.0, -9.0]).double()
     around = dataclasses.replace(
@@ -112,3 +120,72 @@ def test_a_tilted_view_is_the_upright_one_turned_about_the_window() -> None:
     low, high = upright.amin(0), upright.amax(0)
     assert_close(low + high, torch.zeros(2).double(), rtol=0, atol=1e-3)
     assert float((high - low).max()) == pytest.approx(scale * FILL, abs=0.1)
+
+
+AZIMUTH = 325.0
+
+
+def changed(box: Box, left: float, top: float, right: float, bottom: float) -> Box:
+    """A box whose sides are moved by shares of its width and height."""
+    return Box(
+        box.x0 + left * box.width, box.y0 + top * box.height, box.x1 + right * box.width, box.y1 + bottom * box.height
+    )
+
+
+def right(estimate: PoseEstimate, box: Box) -> bool:
+    """Whether the azimuth is right, and the model where the object is."""
+    covered = silhouette(model(), estimate.pose, estimate.camera)[0, 0] > 0.5
+    return degrees_between(estimate.azimuth, AZIMUTH) < 3 and box_around(covered).iou(box) > 0.85
+
+
+@pytest.mark.parametrize(
+    "moved", [(-0.2, -0.2, 0.2, 0.2), (0.1, -0.1, 0.1, -0.1), (0, 0, 0, -0.3)], ids=["larger", "shifted", "lower"]
+)
+def test_a_rough_box(moved: tuple[float, float, float, float]) -> None:
+    image, box = photographed(model(), AZIMUTH, 12, behind="coffee")
+    rough = changed(box, *moved)
+    estimate = estimate_pose(image, model(), box=rough, initial=(0, 12))
+    assert right(estimate, box)
+    assert estimate.box == rough
+
+
+def test_an_object_that_the_border_cuts_off() -> None:
+    image, box = photographed(model(), AZIMUTH, 12, behind="coffee")
+    border = round(box.y1 - 0.25 * box.height)
+    estimate = estimate_pose(image[:, :border], model(), box=(box.x0, box.y0, box.x1, border), initial=(0, 12))
+    assert degrees_between(estimate.azimuth, AZIMUTH) < 5
+
+
+@pytest.mark.parametrize("initial", [None, (0.0, 12.0)])
+def test_no_box(initial: tuple[float, float] | None) -> None:
+    image, box = photographed(model(), AZIMUTH, 12, behind="coffee")
+    estimate = estimate_pose(image, model(), initial=initial)
+    assert right(estimate, box)
+    assert estimate.box.iou(box) > 0.6
+
+
+@pytest.mark.parametrize("theta", [-40.0, 25.0])
+def test_a_tilted_camera(theta: float) -> None:
+    camera, at = Camera(300.0, 150, 180), pose(AZIMUTH, 12, 2.8, theta)
+    behind = gray(sample_photograph("coffee")[None])[:, :, 100:250, 60:240]
+    image = render(model(), at, camera, background=behind)[0]
+    box = box_around(silhouette(model(), at, camera)[0, 0] > 0.5)
+    estimate = estimate_pose(image, model(), box=box)
+    assert right(estimate, box)
+    assert abs(estimate.theta - theta) < 4
+
+
+def test_the_pose_of_a_crop_is_that_of_the_given_box() -> None:
+    """The search crops the object anew, but its pose is for the crop of the box that was given."""
+    image, box = photographed(model(), AZIMUTH, 12, behind="coffee")
+    seen: list[torch.Tensor] = []
+    rough = changed(box, -0.3, -0.2, 0.1, 0.2)
+    estimate = estimate_pose(image, model(), box=rough, initial=(0, 12), watch=lambda _, each: seen.append(each))
+    assert min(float((each - estimate.crop_pose).abs().max()) for each in seen) < 1e-6
+
+
+def test_where_there_is_nothing_to_see_the_largest_box_is_the_likeliest() -> None:
+    (box, *_) = find_boxes(
+        torch.full((1, 300, 360), 0.5), [prepared_model(model(), typical_camera())], None, 180.0, None
+    )
+    assert max(box.width, box.height) > 250

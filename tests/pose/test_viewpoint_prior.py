@@ -17,20 +17,18 @@ from nablahog.pose import estimate_pose
 from nablahog.pose.background import coarse_background
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
-from nablahog.pose.evidence import at_azimuths, azimuth_evidence, knows
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import PoseProblem
 from nablahog.pose.similarity import describe
 from nablahog.pose.viewpoint_prior import (
-    FILE,
     ViewpointLearning,
     ViewpointNetwork,
     ViewpointPrior,
     default_viewpoints,
     mirrored,
 )
-from nablahog.pose.vote import Hypothesis
+from nablahog.pose.vote import Hypothesis, at_azimuths, azimuth_evidence, knows
 from nablahog.render import Mesh, render
 
 from ..chairs import chair
@@ -143,12 +141,6 @@ def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None
 def test_another_choice_is_refused() -> None:
     with pytest.raises(ValueError, match="viewpoints must be a ViewpointPrior, 'default' or None, got 3"):
         estimate_pose(torch.rand(1, 64, 64), {"a": chair(1)}, viewpoints=3)  # type: ignore[arg-type]
-
-
-def test_the_file_says_how_it_was_learned() -> None:
-    learning = ViewpointPrior.load(FILE).learning
-    assert learning.scenes == 30_000
-    assert len(learning.losses) == learning.epochs
 
 
 def test_a_pose_with_a_crop_of_its_own_is_judged_in_the_box_that_was_given() -> None:

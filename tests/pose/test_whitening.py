@@ -16,7 +16,6 @@ from torch.testing import assert_close
 from nablahog import native
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.io.images import limit_size
-from nablahog.pose import background as learning
 from nablahog.pose import whitening
 from nablahog.pose.background import default_background, learn_background
 from nablahog.pose.whitening import Background, Whitener
@@ -76,12 +75,6 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
         assert_close(background.covariance[dy, ORDER + dx], expected, rtol=0, atol=1e-6)
 
 
-def test_the_default_is_learned_once() -> None:
-    background = default_background(presets.aubry(8), 5)
-    assert background is default_background(presets.aubry(8), 5)
-    assert background.images == learning.SAMPLE_NAMES
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -126,22 +119,6 @@ def test_regularization_is_raised_until_it_is_positive_definite() -> None:
     assert_close(factor @ factor.T, covariance[0, 1] + 0.03 * torch.eye(3, dtype=torch.float64))
 
 
-def samples(background: Background, count: int, rows: int, cols: int) -> Tensor:
-    size = rows * cols * background.spec.channels
-    normal = torch.randn(count, size, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    sigma = background.template_covariance(rows, cols) + 0.01 * torch.eye(size, dtype=torch.float64)
-    eigenvalues, vectors = torch.linalg.eigh(sigma)
-    root = vectors * eigenvalues.sqrt() @ vectors.T
-    return (normal @ root).view(count, rows, cols, -1) + background.template_mean(rows, cols)
-
-
-def test_samples_of_the_model_are_white_after_whitening(photographs: Background) -> None:
-    q = samples(photographs, 60_000, 2, 2)
-    white = photographs.decorrelate(q).flatten(1)
-    assert_close(white.T.cov(), torch.eye(36, dtype=torch.float64), rtol=0, atol=0.03)
-    assert abs(photographs.discriminability(q).square().mean() - 36) < 0.3
-
-
 def test_whitening_solves_for_sigma(photographs: Background) -> None:
     q = torch.rand(5, 3, 4, 9, dtype=torch.float64)
     sigma = photographs.template_covariance(3, 4) + 0.01 * torch.eye(108, dtype=torch.float64)
@@ -153,12 +130,6 @@ def test_whitening_solves_for_sigma(photographs: Background) -> None:
     assert_close(photographs.discriminability(q), mahalanobis)
     assert_close(photographs.deviation(weights), mahalanobis)  # wᵀΣw = (q − μ)ᵀΣ⁻¹(q − μ)
     assert not photographs.whiten(photographs.template_mean(3, 4)[None]).any()
-
-
-@pytest.mark.parametrize("size", [(0, 1), (1, 7)])
-def test_templates_it_knows_nothing_of(photographs: Background, size: tuple[int, int]) -> None:
-    with pytest.raises(ValueError, match=r"must have 1…6 rows and columns of cells here, got \dx\d"):
-        photographs.template_covariance(*size)
 
 
 @pytest.mark.parametrize("templates", [torch.rand(1, 3, 3, 8), torch.zeros(1, 3, 3, 9).long()])

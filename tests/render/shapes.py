@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -92,3 +94,10 @@ def poses(count: int, distance: float, seed: int = 0) -> Tensor:
     low = torch.tensor([0.0, -20, distance, -10, -2, -2], dtype=torch.float64)
     high = torch.tensor([360.0, 60, distance * 1.1, 10, 2, 2], dtype=torch.float64)
     return low + random * (high - low)
+
+
+def by_opencv(points: Tensor, matrix: Tensor, intrinsics: Tensor) -> Tensor:
+    """Where OpenCV sees points (N, 3) after a rigid motion (4, 4), (N, 2), pixels."""
+    turn, _ = cv2.Rodrigues(matrix[:3, :3].numpy())
+    seen, _ = cv2.projectPoints(points.numpy(), turn, matrix[:3, 3].numpy(), intrinsics.numpy(), np.zeros(4))
+    return torch.from_numpy(seen[:, 0])

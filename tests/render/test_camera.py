@@ -1,9 +1,10 @@
-"""Cameras: where points are seen, which way every parameter of a pose moves them, and how fast."""
+"""Cameras: where points are seen, how every parameter of a pose moves them, and derivatives of images by poses."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -11,8 +12,12 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import Camera, pose
-from nablahog.render.camera import check_poses, pose_velocities, rotations, to_camera, to_screen
+from nablahog import native
+from nablahog.render import Camera, Renderer, pose, pose_jacobian, pose_vjp
+from nablahog.render.camera import check_poses, pose_velocities, rotation_matrices, rotations, to_camera, to_screen
+from nablahog.render.renderer import Method
+
+from .shapes import box, poses
 
 CAMERA = Camera(100.0, 60, 80)
 ANY_POSE = st.tuples(
@@ -47,24 +52,6 @@ def test_rotations_turn_and_do_not_mirror(numbers: tuple[float, ...]) -> None:
     (turn,) = rotations(pose(*numbers))
     assert_close(turn @ turn.T, torch.eye(3, dtype=torch.float64), rtol=0, atol=1e-12)
     assert_close(torch.linalg.cross(turn[0], turn[1]), turn[2], rtol=0, atol=1e-12)  # right x down is forward
-
-
-@pytest.mark.parametrize(
-    ("changed", "point", "axis", "sign"),
-    [
-        ({"azimuth": 10}, (0, -0.5, 0), 0, -1),  # the camera goes to its right, what is near to its left
-        ({"elevation": 10}, (0, -0.5, 0), 1, 1),  # the camera goes up, what is near down
-        ({"theta": 10}, (0.5, 0, 0), 1, -1),  # counter-clockwise: what is right goes up,
-        ({"theta": 10}, (0, 0, 0.5), 0, -1),  # and what is above to the left
-        ({"distance": 5}, (0.5, 0, 0), 0, -1),  # towards the middle
-        ({"x": 10}, (0, 0, 0), 0, 1),
-        ({"y": 10}, (0, 0, 0), 1, 1),
-    ],
-)
-def test_signs(changed: dict[str, float], point: tuple[float, float, float], axis: int, sign: int) -> None:
-    before, after = seen(point, pose(0)), seen(point, pose(**{"azimuth": 0, **changed}))
-    assert sign * (after[axis] - before[axis]) > 1
-    assert after[1 - axis] == pytest.approx(before[1 - axis], abs=1)
 
 
 @given(ANY_POSE)
@@ -107,3 +94,51 @@ def test_no_field_of_view(degrees: float) -> None:
 def test_no_poses(poses: Tensor) -> None:
     with pytest.raises(ValueError, match="poses must be"):
         check_poses(poses)
+
+
+SMALL = Camera(300.0, 20, 30)
+
+
+both = pytest.mark.parametrize("loops", [True, False], ids=["native", "plain"])
+
+
+@both
+def test_rotations(loops: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not loops:
+        monkeypatch.setattr(native, "library", lambda: None)
+    for where in (poses(7, 3.0), poses(7, 3.0)[::2]):
+        result = rotation_matrices(where.numpy())
+        np.testing.assert_allclose(result, rotations(where).numpy(), rtol=1e-12, atol=1e-12)
+
+
+@both
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_vjp_is_the_adjoint_of_the_jacobian(
+    dtype: torch.dtype, loops: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not loops:
+        monkeypatch.setattr(native, "library", lambda: None)
+    where, generator = poses(7, 3.0), torch.Generator().manual_seed(1)
+    grad_image = torch.randn(7, 20, 30, generator=generator, dtype=torch.float64)
+    screen_gradient = torch.randn(7, 4, 20, 30, generator=generator, dtype=torch.float64)
+    expected = torch.einsum("bkhw,bhw->bk", pose_jacobian(screen_gradient, where, SMALL), grad_image).to(dtype)
+    grad_image, screen_gradient = grad_image.to(dtype), screen_gradient.to(dtype)
+    tolerance = 1e-9 if dtype == torch.float64 else 1e-4
+    assert_close(pose_vjp(grad_image, screen_gradient, where, SMALL), expected, rtol=tolerance, atol=10 * tolerance)
+    mapped = torch.func.vmap(lambda one: pose_vjp(one, screen_gradient, where, SMALL))(
+        torch.stack([grad_image, 2 * grad_image])
+    )
+    assert_close(mapped, torch.stack([expected, 2 * expected]), rtol=tolerance, atol=10 * tolerance)
+
+
+@pytest.mark.parametrize("method", ["edges", "opendr"])
+def test_reverse_mode_of_a_renderer_is_this_vjp(method: Method) -> None:
+    renderer = Renderer(box(), SMALL, method=method, supersampling=2)
+    where, background, grad_image = poses(3, 2.6), torch.rand(1, 1, 20, 30), torch.randn(3, 20, 30)
+    rendering = renderer.render(where, background[:, 0], derivative=True)
+    expected = pose_vjp(grad_image, rendering.screen_gradient, where, SMALL)
+    followed = where.clone().requires_grad_()
+    images = renderer(followed, background)[:, 0]
+    assert_close(images, rendering.image.clamp(0, 1), rtol=0, atol=0)
+    (reverse,) = torch.autograd.grad((images * grad_image).sum(), followed)
+    assert_close(reverse, expected.double())

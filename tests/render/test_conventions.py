@@ -1,4 +1,4 @@
-"""Other conventions: the same points are seen at the same places by few lines of each convention's own formulas."""
+"""Other conventions: by few lines of each convention's own formulas, and rigid motions by OpenCV."""
 
 from __future__ import annotations
 
@@ -13,8 +13,21 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.render import Camera, Pascal3D, from_pascal3d, from_pytorch3d, pose, to_pascal3d, to_pytorch3d
+from nablahog.render import (
+    Camera,
+    Mesh,
+    Pascal3D,
+    from_pascal3d,
+    from_pytorch3d,
+    pose,
+    silhouette,
+    to_pascal3d,
+    to_pytorch3d,
+)
 from nablahog.render.camera import to_camera, to_screen
+from nablahog.render.conventions import moved_before, pose_matrix, turn_to
+
+from .shapes import by_opencv
 
 Floats = NDArray[np.float64]
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (7, 3))
@@ -124,3 +137,34 @@ def test_coarse_viewpoints_of_pascal3d_have_no_camera() -> None:
         from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64)
     with pytest.raises(ValueError, match="focal length"):
         from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64)
+
+
+SOLID = torch.rand(20, 3, dtype=torch.float64) - 0.5
+INTRINSICS = torch.tensor([[300.0, 0, 70], [0, 300, 66], [0, 0, 1]], dtype=torch.float64)
+
+
+def motion(azimuth: float = 40, elevation: float = 20, theta: float = -6) -> Tensor:
+    """An object far off the optical axis."""
+    matrix = pose_matrix(pose(azimuth, elevation, 2.7, theta)[0])
+    matrix[:3, 3] += matrix.new_tensor([0.8, -0.5, 0.0])
+    return matrix
+
+
+@pytest.mark.parametrize("ray", [[0.0, 0, 1], [0.4, -0.3, 1], [3.0, 1, 0.1]])
+def test_a_camera_turned_to_a_ray_looks_along_it(ray: list[float]) -> None:
+    direction = torch.tensor(ray, dtype=torch.float64)
+    turn = turn_to(direction)
+    assert_close(turn @ turn.T, torch.eye(3, dtype=torch.float64))
+    assert float(torch.linalg.det(turn)) == pytest.approx(1)
+    assert_close(turn @ direction, direction.new_tensor([0, 0, float(direction.norm())]))
+    angle = math.acos(ray[2] / float(direction.norm()))
+    assert math.acos((float(turn.trace()) - 1) / 2) == pytest.approx(angle, abs=1e-7)  # and by no more than that
+
+
+def test_what_is_moved_is_drawn_where_opencv_sees_it() -> None:
+    mesh = Mesh(SOLID, torch.arange(18).reshape(6, 3), torch.ones(20, dtype=torch.float64))
+    moved, poses, camera = moved_before(mesh, motion(), INTRINSICS, 120, 160)
+    assert (camera.height, camera.width, camera.focal) == (120, 160, 300)
+    projected = to_screen(to_camera(moved.vertices, poses), poses, camera)[0, :, :2]
+    assert_close(projected, by_opencv(SOLID, motion(), INTRINSICS), rtol=0, atol=1e-9)
+    assert silhouette(moved, poses, camera).shape == (1, 1, 120, 160)

@@ -16,8 +16,7 @@ from trimesh.exchange.ply import export_ply
 from trimesh.exchange.stl import export_stl_ascii
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
-from nablahog.render.axes import axes
-from nablahog.render.mesh import Mesh, load_mesh
+from nablahog.render.mesh import Mesh, axes, load_mesh
 
 from .mesh_files import CUBE_OFF, QUADS, TRIANGLE, VERTICES_OBJ, as_bytes, glb, write
 

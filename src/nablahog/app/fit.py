@@ -17,8 +17,7 @@ from ..hog.box import Box
 from ..hog.descriptor import describe
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
-from ..pose.fit_box import azimuth_sweep, fit_to_box
-from ..pose.model import PreparedModel, prepared_model
+from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette

@@ -1,5 +1,5 @@
 // OpenDR's approximate derivative: silhouettes drawn over the samples, then the image and its gradient.  The rule is in
-// nablahog/render/opendr.py.
+// nablahog/render/pipeline.py.
 #pragma once
 
 #include <vector>

@@ -62,7 +62,7 @@ std::array<std::array<double, 3>, 3> moments(const T* grad_image, const T* chann
 }
 
 // Gradient with respect to a pose from that with respect to its image (height, width), and the derivative of the image
-// by the motion of surfaces (4, height, width): nablahog/render/pose_gradient.py written out.  `focal` is in pixels.
+// by the motion of surfaces (4, height, width): nablahog/render/camera.py written out.  `focal` is in pixels.
 template <class T>
 Pose pose_vjp(const T* grad_image, const T* screen_gradient, const Pose& pose, double focal, int64_t height,
               int64_t width) {

@@ -14,8 +14,7 @@ from ..hog.box import Box
 from ..jobs.worker import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object
-from ..pose.fit_box import fit_to_box, level_poses
-from ..pose.model import prepared_model
+from ..pose.model import fit_to_box, level_poses, prepared_model
 from ..pose.options import SearchMethod
 from ..render import Camera, Mesh, silhouette
 from .baselines.exemplar import Detection, detect

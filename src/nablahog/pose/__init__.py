@@ -6,9 +6,9 @@ from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from .background import default_background, learn_background
-    from .elements import Elements, elements
     from .estimate import estimate_pose
-    from .pose_estimate import PoseEstimate
+    from .photograph import Elements, elements
+    from .problem import PoseEstimate
     from .viewpoint_prior import ViewpointPrior, default_viewpoints
     from .whitening import Background
 
@@ -27,9 +27,9 @@ __all__ = [
 names_when_used(
     __name__,
     background=("default_background", "learn_background"),
-    elements=("Elements", "elements"),
+    photograph=("Elements", "elements"),
     estimate=("estimate_pose",),
-    pose_estimate=("PoseEstimate",),
+    problem=("PoseEstimate",),
     viewpoint_prior=("ViewpointPrior", "default_viewpoints"),
     whitening=("Background",),
 )

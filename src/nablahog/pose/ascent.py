@@ -1,4 +1,4 @@
-"""Ascent by quadratic fits to samples, to a fraction of a degree.
+"""Ascents over poses: the paper's, with momentum, and one by quadratic fits to samples, to a fraction of a degree.
 
 Similarity is jagged below a degree: the descriptor jumps a little whenever an edge passes a sample of a pixel, so that
 even the true derivative points uphill only on average, and ascent along single derivatives gets stuck.  A quadratic
@@ -35,17 +35,11 @@ _REACH = 2.0  # longest step, in spreads
 
 
 class Round(NamedTuple):
-    """Renderings around a pose, before it is moved.
+    """Renderings around a pose, before it is moved."""
 
-    Attributes:
-        samples: their number, even.
-        spread: root mean square of their offsets, in :data:`UNITS`.
-        slopes: whether to use their derivatives; without, they take two thirds of the time.
-    """
-
-    samples: int
-    spread: float
-    slopes: bool
+    samples: int  # their number, even
+    spread: float  # root mean square of their offsets, in :data:`UNITS`
+    slopes: bool  # whether to use their derivatives; without, they take two thirds of the time
 
 
 SCHEDULE = (
@@ -56,6 +50,8 @@ SCHEDULE = (
     Round(12, 0.6, slopes=False),
 )
 """Slopes show the curvature early; values locate the maximum better in the end."""
+
+LEARNING_RATE = 2.0  # of the paper's ascent
 
 
 def quadratic_ascent(
@@ -73,13 +69,10 @@ def quadratic_ascent(
 
     Args:
         similarity: to be maximised.
-        pose: (6,), float64, the start, angles in degrees.
+        pose: (6,), float64, the start, angles in degrees; what is returned has the same form.
         rounds: of samples.
         generator: of the directions.
         visit: called with the pose (6,) after each round.
-
-    Returns:
-        (6,), float64.
     """
     directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
@@ -115,13 +108,8 @@ def _directions(count: int, generator: torch.Generator) -> Tensor:
 def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
-    A is bent down at least by :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
-
-    Args:
-        offsets: u (N, 6).
-        values: (N,).
-        slopes: (N, 6), NaN where unknown.
-        weights: (N,).
+    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  A is bent down at least by
+    :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
     """
     at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())
@@ -140,3 +128,50 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     step = -axes @ ((axes.T @ gradient) / bends)
     return torch.from_numpy(step * (_REACH / max(float(np.linalg.norm(step)), _REACH)))
+
+
+def momentum_ascent(
+    similarity: Similarity,
+    poses: Tensor,
+    *,
+    steps: int = 50,
+    learning_rate: float = LEARNING_RATE,
+    momentum: float = 0.9,
+    distance_every: int = 4,
+    visit: Callable[[Tensor], None] = lambda pose: None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The paper's search: gradient ascent with momentum over azimuth, and every few steps over distance.
+
+    The paper gives no rates.  Here the similarity is divided by that of each start, so that one rate serves all images,
+    and the derivatives are taken in :data:`UNITS`.
+
+    Args:
+        similarity: to be maximised.
+        poses: (B, 6), the starts, all in one batch; angles in degrees.
+        steps, learning_rate, momentum: of the gradient steps; momentum is the share of the velocity that remains.
+        distance_every: steps from one that moves the distance to the next.
+        visit: called with the most similar pose (6,) of each step.
+
+    Returns:
+        The best pose of each path (B, 6), its similarity (B,), and azimuths and similarities along the paths
+        (steps + 1, B, 2).
+    """
+    poses = poses.clone()
+    velocity = torch.zeros_like(poses)
+    scale = torch.ones(len(poses), 1, dtype=poses.dtype)
+    best, best_value = poses.clone(), torch.full((len(poses),), -torch.inf, dtype=poses.dtype)
+    path = []
+    for step in range(steps + 1):
+        values, slopes = similarity.derivatives(poses)
+        if step == 0:
+            scale = values.abs().clamp(min=1e-9)[:, None]
+        better = values > best_value
+        best[better], best_value[better] = poses[better], values[better]
+        path.append(torch.stack([poses[:, 0], values], dim=1))
+        visit(poses[values.argmax()])
+        free = torch.zeros(len(PARAMETERS), dtype=poses.dtype)
+        free[0], free[2] = 1, step % distance_every == distance_every - 1
+        velocity = torch.where(free > 0, momentum * velocity + learning_rate * slopes * UNITS / scale, velocity)
+        poses = poses + free * velocity * UNITS
+        poses[:, 2] = poses[:, 2].clamp(min=1.0)
+    return best, best_value, torch.stack(path)

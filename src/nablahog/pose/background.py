@@ -97,9 +97,8 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     >>> background.mean.shape, background.order
     (torch.Size([9]), 2)
     """
-    return learn_background(
-        {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}, spec, order=order
-    )
+    photographs = {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}
+    return learn_background(photographs, spec, order=order)
 
 
 @lru_cache(maxsize=4)

@@ -13,16 +13,33 @@ from torch import Tensor
 from ..hog.box import Box
 from ..runtime.pytorch import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
-from .confidence import confidence
-from .evidence import at_azimuths, azimuth_evidence
-from .fit_box import VIEW_COUNT, bounding_boxes, equidistant_azimuths, local_maxima
-from .model import DETAIL, PreparedModel, equivalent_azimuths, view_descriptors
+from .model import (
+    DETAIL,
+    VIEW_COUNT,
+    PreparedModel,
+    bounding_boxes,
+    equidistant_azimuths,
+    equivalent_azimuths,
+    local_maxima,
+    view_descriptors,
+)
 from .photograph import PreparedPhotograph
-from .pose_estimate import PoseEstimate
-from .problem import PoseProblem
+from .problem import PoseEstimate, PoseProblem
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
-from .vote import Hypothesis, by_score, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
+from .vote import (
+    Hypothesis,
+    at_azimuths,
+    azimuth_evidence,
+    by_score,
+    confidence,
+    mean_viewpoint,
+    more_starts,
+    runners_up,
+    shares_of_best,
+    vote,
+    with_rival,
+)
 
 VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
@@ -57,6 +74,7 @@ class BestSearch:
         self.kind = problem.similarity or "calibrated"
         self.calibrated = self.kind == "calibrated"  # only then can poses be compared whatever box they fill
         self.voting = len(problem.models) > 1 and self.calibrated
+        self.most_views = VOTERS if self.voting else _STARTS  # that are looked at closely
         self.renderings = 0
         self._lock = Lock()
 
@@ -87,28 +105,28 @@ class BestSearch:
 
     def look_around(self) -> list[Hypothesis]:
         """The best views of all models at all elevations, the best of all first, as many as are looked at closely."""
-        azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self._level_penalties
+        azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self.problem.level_penalties
         seen: list[tuple[float, float, str, float, Tensor]] = []
         for name, model in self.problem.each_model():
             for elevation in self.problem.elevations:
                 values = self._view_similarities(model, elevation)
-                values[~self._allowed] = -torch.inf
+                values[~self.problem.allowed] = -torch.inf
                 best = local_maxima(values, _STARTS)
                 for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
                     seen.append((value - penalties[elevation], value, name, elevation, azimuth))
                 self.renderings += VIEW_COUNT
         seen = sorted((one for one in seen if math.isfinite(one[0])), key=lambda one: -one[0])
-        return [self._level_view(*one[1:]) for one in seen[: self._most_views]]
+        return [self._level_view(*one[1:]) for one in seen[: self.most_views]]
 
     def look_elsewhere(self) -> list[Hypothesis]:
         """The best views that fill another box, or are tilted, the best of all first."""
         seen = []
         for name, model in self.problem.models.items():
             for place, around in self._surroundings:
-                views = views_around(model, place, around, self.problem.elevations, self._allowed, _STARTS)
+                views = views_around(model, place, around, self.problem.elevations, self.problem.allowed, _STARTS)
                 for pose, value in zip(views[0], views[1].tolist(), strict=True):
                     seen.append((value - float(self.problem.penalty(pose[None], place)), value, name, place, pose))
-        best = sorted(seen, key=lambda one: -one[0])[: self._most_views]
+        best = sorted(seen, key=lambda one: -one[0])[: self.most_views]
         views_elsewhere = (self._reframed(*one[1:]) for one in best)
         return [view for view in views_elsewhere if view is not None]
 
@@ -128,12 +146,7 @@ class BestSearch:
         return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
 
     def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
-        """The highest similarity near each start.
-
-        Args:
-            starts: of any models.
-            rounds: of quadratic ascents.
-        """
+        """The highest similarity near each start, of any models, by rounds of quadratic ascents."""
         similarities = [self._similarity(start, fine=True) for start in starts]
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
         return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
@@ -142,7 +155,7 @@ class BestSearch:
         """Logarithms of the probabilities of their azimuths whatever the model, (N,)."""
         places = list(dict.fromkeys(one.place for one in poses))  # in a crop of its own a pose would confirm itself
         models = list(self.problem.models.values())
-        evidence = azimuth_evidence(models, places, self._level_penalties, self.problem.viewpoints)
+        evidence = azimuth_evidence(models, places, self.problem.level_penalties, self.problem.viewpoints)
         rows = torch.tensor([places.index(one.place) for one in poses])
         return at_azimuths(evidence[rows], torch.tensor([one.azimuth for one in poses], dtype=torch.float64))
 
@@ -184,20 +197,6 @@ class BestSearch:
             renderings=self.renderings,
             **others,
         )
-
-    @property
-    def _most_views(self) -> int:
-        """How many views are looked at closely, at most."""
-        return VOTERS if self.voting else _STARTS
-
-    @cached_property
-    def _allowed(self) -> Tensor:
-        """Which of the views around a model are searched, (VIEW_COUNT,)."""
-        return self.problem.allowed(equidistant_azimuths(VIEW_COUNT))
-
-    @cached_property
-    def _level_penalties(self) -> dict[float, float]:
-        return self.problem.level_penalties()
 
     @cached_property
     def _surroundings(self) -> list[tuple[PreparedPhotograph, Surroundings]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -19,7 +19,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render import Camera
-from ..render.rigid import turn_to
+from ..render.conventions import turn_to
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
@@ -29,21 +29,14 @@ _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit t
 _LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CropView:
-    """The map from a crop's pixels to its photograph's.
+    """The map from a crop's pixels to its photograph's."""
 
-    Attributes:
-        middle: x, y of the crop's middle in the photograph, pixels.
-        zoom: pixels of the crop for one of the photograph, in its middle.
-        focal: of the photograph's camera, pixels.
-        axis: x, y where the optical axis meets the photograph, pixels; None if that, or the focal length, is unknown.
-    """
-
-    middle: tuple[float, float]
-    zoom: float
-    focal: float
-    axis: tuple[float, float] | None = None
+    middle: tuple[float, float]  # x, y of the crop's middle in the photograph, pixels
+    zoom: float  # pixels of the crop for one of the photograph, in its middle
+    focal: float  # of the photograph's camera, pixels
+    axis: tuple[float, float] | None  # x, y of the optical axis in the photograph; None if unknown
 
     @cached_property
     def turn(self) -> Tensor:
@@ -68,6 +61,13 @@ class CropView:
         scale = self.zoom * self.focal / max(forward, _LEAST_DEPTH)
         return right * scale, down * scale
 
+    def across(self, box: Box) -> Box:
+        """A box of the photograph in the crop, from its middle, along lines through the middle."""
+        x, y = self.middle
+        left, right = (self.from_photograph(side, y)[0] for side in (box.x0, box.x1))
+        upper, lower = (self.from_photograph(x, side)[1] for side in (box.y0, box.y1))
+        return Box(left, upper, right, lower)
+
     def twist(self, x: float, y: float) -> float:
         """Degrees by which theta is larger in the photograph than in the crop, for an object x, y from its middle.
 
@@ -88,58 +88,39 @@ class CropView:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectCrop:
-    """A square cut-out around the middle of an object's box.
+class ObjectCrop(CropView):
+    """A square cut-out around the middle of an object's box."""
 
-    Attributes:
-        image: (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats.
-        size: (width, height) of the object's box in it, pixels.
-        zoom: pixels of the crop for one of the photograph.
-        middle: x, y of its middle in the photograph, pixels.
-        camera: sees an object at :data:`DISTANCE` about as large as the box.
-        valid: where the crop shows the photograph, in pixels of the crop; it may reach beyond the border.
-        axis: x, y where the optical axis of the photograph's camera meets it, pixels, if the camera is known.
-    """
-
-    image: Tensor
-    size: tuple[float, float]
-    zoom: float
-    middle: tuple[float, float]
-    camera: Camera
-    valid: Box
-    axis: tuple[float, float] | None = None
-
-    @property
-    def view(self) -> CropView:
-        """Where its pixels are in the photograph."""
-        return CropView(self.middle, self.zoom, self.focal, self.axis)
+    image: Tensor  # (1, 1, S, S), float32 in 0…1; beyond the photograph, its border repeats
+    size: tuple[float, float]  # (width, height) of the object's box in it, pixels
+    camera: Camera  # sees an object at :data:`DISTANCE` about as large as the box
+    valid: Box  # where the crop shows the photograph, in pixels of the crop; it may reach beyond the border
 
     def downsampled(self, factor: int) -> ObjectCrop:
         """The crop shrunk by averaging ``factor`` x ``factor`` pixels."""
         width, height = self.size
-        return ObjectCrop(
-            functional.avg_pool2d(self.image, factor),
-            (width / factor, height / factor),
-            self.zoom / factor,
-            self.middle,
-            downsampled(self.camera, factor),
-            Box(*(side / factor for side in self.valid)),
-            self.axis,
+        return replace(
+            self,
+            zoom=self.zoom / factor,
+            image=functional.avg_pool2d(self.image, factor),
+            size=(width / factor, height / factor),
+            camera=downsampled(self.camera, factor),
+            valid=Box(*(side / factor for side in self.valid)),
         )
 
     def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
         """A pose (6,) for this crop as one for another of the same photograph, by the same camera."""
         moved = pose.clone()
-        moved[4], moved[5] = other.view.from_photograph(*map(float, self.view.to_photograph(pose[4], pose[5])))
+        moved[4], moved[5] = other.from_photograph(*map(float, self.to_photograph(pose[4], pose[5])))
         if self.axis is not None:
-            moved[3] += self.view.twist(float(pose[4]), float(pose[5])) - other.view.twist(*moved[4:].tolist())
+            moved[3] += self.twist(float(pose[4]), float(pose[5])) - other.twist(*moved[4:].tolist())
         return moved
 
     def box_in_photograph(self, box: Tensor) -> Box:
         """The photograph's box through the middles of the sides of a box (4,) relative to the crop's middle."""
         x0, y0, x1, y1 = box
         middle = (x0 + x1) / 2, (y0 + y1) / 2
-        across, down = self.view.to_photograph(
+        across, down = self.to_photograph(
             torch.stack([x0, middle[0], x1, middle[0]]), torch.stack([middle[1], y0, middle[1], y1])
         )
         return Box(float(across[0]), float(down[1]), float(across[2]), float(down[3]))
@@ -150,16 +131,11 @@ class ObjectCrop:
         width, height = self.size
         return Box(-width / 2, -height / 2, width / 2, height / 2)
 
-    @property
-    def focal(self) -> float:
-        """Focal length of the photograph's camera, pixels of the photograph."""
-        return self.camera.focal / self.zoom
-
     def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
-        x, y = map(float, self.view.to_photograph(pose[4], pose[5]))
-        moved[3] += self.view.twist(float(pose[4]), float(pose[5]))
+        x, y = map(float, self.to_photograph(pose[4], pose[5]))
+        moved[3] += self.twist(float(pose[4]), float(pose[5]))
         moved[4], moved[5] = x - width / 2, y - height / 2
         return moved, Camera(self.focal, height, width)
 
@@ -218,26 +194,17 @@ def crop_object(
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
     view = CropView(middle, zoom, camera.focal / zoom, axis)
-    if axis is not None:  # seen straight, the box is a little smaller
-        (x0, x1), (y0, y1) = _across(view, object_box)
-        zoom *= fill / max(x1 - x0, y1 - y0)
-        camera = Camera(view.focal * zoom, side, side)
-        view = CropView(middle, zoom, view.focal, axis)
     size = object_box.width * zoom, object_box.height * zoom
-    if axis is not None:
-        (x0, x1), (y0, y1) = _across(view, object_box)
-        size = x1 - x0, y1 - y0
-    (x0, x1), (y0, y1) = _across(view, Box(0, 0, width, height))
-    valid = Box(x0 + side / 2, y0 + side / 2, x1 + side / 2, y1 + side / 2)
-    return ObjectCrop(resampled(photograph, view, side), size, zoom, middle, camera, valid, axis)
-
-
-def _across(view: CropView, box: Box) -> tuple[tuple[float, float], tuple[float, float]]:
-    """x0, x1 and y0, y1 in the crop, from its middle, of a box of the photograph, along lines through the middle."""
-    x, y = view.middle
-    left, right = (view.from_photograph(side, y)[0] for side in (box.x0, box.x1))
-    upper, lower = (view.from_photograph(x, side)[1] for side in (box.y0, box.y1))
-    return (left, right), (upper, lower)
+    if axis is not None:  # seen straight, the box is a little smaller
+        seen = view.across(object_box)
+        zoom *= fill / max(seen.width, seen.height)
+        camera = Camera(view.focal * zoom, side, side)
+        view = replace(view, zoom=zoom)
+        seen = view.across(object_box)
+        size = seen.width, seen.height
+    valid = Box(*(each + side / 2 for each in view.across(Box(0, 0, width, height))))
+    image = resampled(photograph, view, side)
+    return ObjectCrop(middle, zoom, camera.focal / zoom, axis, image, size, camera, valid)
 
 
 def check_photograph(photograph: Tensor) -> None:

@@ -1,6 +1,7 @@
 """estimate_pose(): from an object in a photograph and models of it to azimuth, elevation and distance (Section 3.2).
 
-:data:`SEARCHES` has the searches by name.
+:data:`SEARCHES` has the searches by name.  The paper's, gradient ascent with momentum over azimuth, and the exhaustive
+one that it is compared with are here.
 """
 
 from __future__ import annotations
@@ -19,17 +20,61 @@ from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.images import exif_focal
 from ..render import Mesh
+from ..render.renderer import Method
+from .ascent import momentum_ascent
 from .best_search import best_search
 from .crop import check_photograph, crop_object, masked, typical_camera
-from .detection import find_boxes
-from .model import prepared_model
-from .options import FocalSource, Lens, SearchMethod, SimilarityKind
-from .paper_search import exhaustive_search, paper_search
+from .model import DETAIL, equidistant_azimuths, prepared_model
+from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
-from .pose_estimate import PoseEstimate
-from .problem import PoseProblem
+from .problem import ELEVATIONS, PoseEstimate, PoseProblem
+from .surroundings import find_boxes
 from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
 from .whitening import Background
+
+EVERY_DEGREE = 360
+STARTS = 8  # azimuths all around, beside the initial one
+RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
+"""How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
+
+
+def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
+    """Momentum from the initial pose and azimuths around, with the renderer of one of the paper's methods."""
+    kind = problem.similarity or "patches"
+    template = problem.photograph.template(kind)
+    azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
+    azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(STARTS)])
+    best, traces, renderings = [], [], 0
+    for name, model in problem.each_model():
+        similarity = model.similarity(template, *RENDERERS[method], camera=problem.photograph.crop.camera)
+        starts = problem.level_views(model, azimuths, elevation)
+        poses, values, path = momentum_ascent(similarity, starts, visit=partial(problem.watch, name))
+        top = int(values.argmax())
+        best.append((float(values[top]), name, poses[top]))
+        traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return problem.estimate(
+        name, pose, similarity=value, similarity_kind=kind, renderings=renderings, traces=tuple(traces)
+    )
+
+
+def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
+    """The best of all whole degrees of azimuth at the elevations to search at."""
+    kind = problem.similarity or "calibrated"
+    template = problem.photograph.template(kind)
+    best, renderings = [], 0
+    for name, model in problem.each_model():
+        similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
+        for elevation in problem.elevations:
+            poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
+            values = similarity.values(poses)
+            top = int(values.argmax())
+            best.append((float(values[top]), name, poses[top]))
+        renderings += similarity.renderings
+    value, name, pose = max(best, key=lambda one: one[0])
+    return problem.estimate(name, pose, similarity=value, similarity_kind=kind, renderings=renderings)
+
 
 SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
     "best": best_search,
@@ -89,7 +134,7 @@ def estimate_pose(
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.background.pose_spec`, learned from photographs that come with scikit-image.
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
-            :mod:`.evidence`; it counts only where it knows the class that the models are of.  By default
+            :mod:`.vote`; it counts only where it knows the class that the models are of.  By default
             that of chairs that comes with the package; None for none.
         seed: of random samples.
         progress: called with the models done, their number and the name of the one at work.
@@ -140,7 +185,8 @@ def estimate_pose(
         initial=view,
         within=within,
         similarity=similarity,
-        viewpoints=chosen_viewpoints(viewpoints),
+        # a default that does not count need not be read
+        viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
         generator=torch.Generator().manual_seed(seed),
         progress=progress,
@@ -150,11 +196,7 @@ def estimate_pose(
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
-    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W).
-
-    Raises:
-        ValueError: the focal length or the principal point is no such thing.
-    """
+    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
             raise ValueError("principal_point says something only of a camera of known focal length: expected focal")

@@ -1,6 +1,7 @@
 """A model prepared for comparison: its renderers, and its views all around, made once for all photographs.
 
-Views are also cached on disk (:mod:`nablahog.io.array_cache`) for later processes.
+The distance and shift of a view are those at which the model's outline fills a box.  Views are also cached on disk
+(:mod:`nablahog.io.array_cache`) for later processes.
 """
 
 from __future__ import annotations
@@ -8,21 +9,28 @@ from __future__ import annotations
 import hashlib
 from functools import cache, cached_property, lru_cache
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
 from ..hog import HOGSpec
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
+from ..render.camera import rotation_matrices
 from ..render.renderer import Method
-from ..render.simplify import simplify
+from ..render.surface import simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
 from .crop import DISTANCE, FILL, SIDE, downsampled
-from .fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, hull, level_poses
 from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches, white_background
 from .whitening import Background, Whitener, whitener_of
 
+Doubles = NDArray[np.float64]
+
+VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks at models
+_ROUNDS = 3  # with perspective the size is not quite the inverse of the distance; twice is within a tenth of a pixel
 DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses are as exact
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 ALIKE = 0.9
@@ -31,12 +39,7 @@ _CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
 class PreparedModel:
-    """A mesh with its renderers for one camera.
-
-    Args:
-        mesh: normalised.
-        camera: of the crop.
-    """
+    """A normalised mesh with its renderers for the camera of a crop."""
 
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
@@ -63,8 +66,7 @@ class PreparedModel:
         """The renderer of images ``shrink`` times smaller than the crop.
 
         Args:
-            method: of derivatives.
-            supersampling: samples of a pixel along a side.
+            method, supersampling: as for :class:`nablahog.Renderer`.
             detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`; with fewer faces
                 it renders faster.
             shrink: factor.
@@ -110,8 +112,7 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
     The model fills the crop, so that views do not depend on the photograph.
 
     Args:
-        model: seen from equidistant azimuths.
-        elevation: of the views, rounded to a multiple of :data:`ELEVATION_STEP`, degrees.
+        model: seen from equidistant azimuths and a multiple of :data:`ELEVATION_STEP` near ``elevation``, degrees.
         own: the background of the descriptor; None for the default one.
 
     Returns:
@@ -153,17 +154,10 @@ def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: 
 
 
 def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) -> tuple[float, ...]:
-    """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself.
+    """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself, degrees.
 
-    A bottle looks the same from everywhere, a table from behind.
-
-    Args:
-        model: whose views are compared.
-        azimuth, elevation: of one, degrees.
-
-    Returns:
-        Multiples of 360 / :data:`.fit_box.VIEW_COUNT` degrees from ``azimuth`` on; all of them for a solid of
-        revolution.
+    A bottle looks the same from everywhere, a table from behind.  They are multiples of 360 / :data:`VIEW_COUNT` from
+    ``azimuth`` on.
     """
     alike = view_correlations(model, ELEVATION_STEP * round(elevation / ELEVATION_STEP))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
@@ -176,3 +170,96 @@ def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
     """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, a multiple of ELEVATION_STEP."""
     views = view_descriptors(model, elevation)
     return views.flatten(1) @ coarse_whitener()(views).flatten(1).T
+
+
+def equidistant_azimuths(count: int, first: float = 0.0) -> Tensor:
+    """All around, (count,), float64, degrees."""
+    return first + torch.arange(count, dtype=torch.float64) * (360 / count)
+
+
+def azimuth_sweep(pose: Tensor, views: int) -> Tensor:
+    """``views`` equidistant azimuths from a pose (6,) on, (views, 6); all else stays."""
+    poses = pose.repeat(views, 1)
+    poses[:, 0] += equidistant_azimuths(views)
+    return poses
+
+
+def azimuth_distance(one: float, other: float) -> float:
+    """Degrees between azimuths, in 0…180."""
+    return abs((one - other + 180) % 360 - 180)
+
+
+def signed_angles(angles: Tensor) -> Tensor:
+    """The same angles in -180…180 degrees."""
+    return (angles + 180) % 360 - 180
+
+
+def local_maxima(values: Tensor, count: int) -> Tensor:
+    """Indices of the at most ``count`` highest local maxima on a circle of values (N,), the highest first."""
+    highest = (values >= values.roll(1)) & (values >= values.roll(-1))
+    indices = highest.nonzero().squeeze(1)
+    order: Tensor = indices[values[indices].argsort(descending=True)]
+    return order[:count]
+
+
+def hull(mesh: Mesh) -> Tensor:
+    """The vertices (N, 3) of the convex hull: they determine the box around any view of a mesh."""
+    points = mesh.vertices.detach().cpu().numpy()
+    try:
+        return torch.from_numpy(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):  # in one plane, or too few
+        return torch.from_numpy(np.unique(points, axis=0))
+
+
+def level_poses(azimuths: Tensor, elevations: float | Tensor) -> Tensor:
+    """Poses (N, 6) at azimuths (N,) and elevations, degrees, not turned in the image plane, still to be placed."""
+    poses = torch.tensor([0, 0, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
+    poses[:, 0], poses[:, 1] = azimuths, elevations
+    return poses
+
+
+def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float, float] | float | Tensor) -> Tensor:
+    """Poses (B, 6) with the distance and shift at which the box of points (N, 3) is in the middle and has a given size.
+
+    The size is width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
+    """
+    placed = poses.detach().double().numpy().copy()
+    turned = _turned(placed, points)
+    for round_ in range(_ROUNDS + 1):
+        boxes = _boxes(turned, placed[:, 2], camera)
+        low, high = boxes[:, :2] + placed[:, 4:], boxes[:, 2:] + placed[:, 4:]
+        if round_ < _ROUNDS:
+            sides = (high - low).clip(min=1e-6)
+            if isinstance(size, tuple):
+                zoom = np.sqrt(size[0] * size[1] / sides.prod(1))
+            else:
+                zoom = np.asarray(size) / sides.max(1)
+            placed[:, 2] = (placed[:, 2] / zoom).clip(min=1.0)
+        placed[:, 4:] -= (low + high) / 2
+    return torch.from_numpy(placed).to(poses.dtype)
+
+
+def tilt_views(poses: Tensor, tilts: Tensor) -> Tensor:
+    """Level poses (B, 6) turned by tilts (B,), degrees counter-clockwise, about the middle of the image."""
+    angle = torch.deg2rad(tilts)
+    x, y = poses[:, 4], poses[:, 5]
+    across, down = angle.cos() * x + angle.sin() * y, angle.cos() * y - angle.sin() * x
+    return torch.cat([poses[:, :3], torch.stack([tilts, across, down], 1)], 1)
+
+
+def bounding_boxes(poses: Tensor, points: Tensor, camera: Camera) -> Tensor:
+    """The boxes x0, y0, x1, y1 around points (N, 3) at poses (B, 6), (B, 4), pixels from the middle of the image."""
+    of_poses = poses.double().numpy()
+    return torch.from_numpy(_boxes(_turned(of_poses, points), of_poses[:, 2], camera)) + poses[:, [4, 5, 4, 5]]
+
+
+def _turned(poses: Doubles, points: Tensor) -> Doubles:
+    """Points (N, 3) turned as at poses (B, 6), in the directions of the camera's axes, (B, 3, N)."""
+    turned: Doubles = rotation_matrices(poses) @ points.double().numpy().T
+    return turned
+
+
+def _boxes(turned: Doubles, distances: Doubles, camera: Camera) -> Doubles:
+    """The boxes (B, 4) around turned points (B, 3, N) at distances (B,), pixels from the projected origin."""
+    screen = turned[:, :2] * (camera.focal / (turned[:, 2] + distances[:, np.newaxis]))[:, np.newaxis]
+    return np.concatenate([screen.min(axis=2), screen.max(axis=2)], axis=1)

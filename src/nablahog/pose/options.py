@@ -12,17 +12,11 @@ ORDER = 9  # the largest offset in cells of a background: for templates of up to
 
 
 class Lens(NamedTuple):
-    """What is known of a photograph's camera.
+    """What is known of a photograph's camera."""
 
-    Attributes:
-        focal: focal length, pixels; None if unknown.
-        principal_point: x, y where the optical axis meets the photograph, pixels; None if unknown, or its middle.
-        source: where the focal length is from.
-    """
-
-    focal: float | None
-    principal_point: tuple[float, float] | None
-    source: FocalSource
+    focal: float | None  # focal length, pixels; None if unknown
+    principal_point: tuple[float, float] | None  # x, y of the optical axis, pixels; None if unknown
+    source: FocalSource  # where the focal length is from
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,15 @@
-"""A photograph's object with the templates that renderings are compared with, each made once."""
+"""A photograph's object with the templates that renderings are compared with, and its visual elements (Section 3.2).
+
+Discriminative visual elements are the patches of a descriptor that are least like other photographs.  As by Aubry et
+al. ("Seeing 3D chairs", released code): every patch is whitened by the background, its norm says how discriminative it
+is, and of overlapping patches the most discriminative is kept.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import torch
@@ -13,14 +18,14 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.coordinates import pixel_box
 from .background import FINE, coarse_background, default_background, pose_spec
-from .crop import ObjectCrop, crop_object
-from .elements import Elements, elements
+from .crop import ObjectCrop
 from .options import SimilarityKind
 from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
 from .whitening import Background, whitener_of
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most
+EMPTY = 0.01  # sum of a cell's entries up to which it is the plain background of a rendering
 PATCH_EPSILON = 0.1  # ε of Eq. 7, in votes of images in 0…1: a hundredth of a typical patch's ‖v‖
 
 
@@ -31,21 +36,11 @@ def patch_spec(cell_size: tuple[int, int]) -> HOGSpec:
 
 
 class PreparedPhotograph:
-    """An object's crop with its templates.
-
-    Args:
-        crop: the object.
-        background: of the coarse templates; None for the default one of :func:`.background.pose_spec`.
-    """
+    """An object's crop with its templates, the coarse ones of a background, by default that of :func:`.pose_spec`."""
 
     def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
         self.crop, self.own_background = crop, background
         self.background = background or default_background(pose_spec())
-
-    def around(self, image: Tensor, box: Sequence[float]) -> PreparedPhotograph:
-        """The crop of the same photograph (C, H, W) around another box, by the same camera."""
-        crop = crop_object(image, box, focal=self.crop.focal, axis=self.crop.axis)
-        return PreparedPhotograph(crop, self.own_background)
 
     def template(self, kind: SimilarityKind) -> Template:
         """The template for one of the similarities of :mod:`.similarity`."""
@@ -91,10 +86,7 @@ class PreparedPhotograph:
 
 
 def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
-    """First and end of the cells in the middle of ``cells`` that the box's ``pixels`` reach into.
-
-    There are at least as many as an element has.
-    """
+    """First and end of the cells in the middle of ``cells`` that the box's ``pixels`` reach into."""
     middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
 
@@ -103,3 +95,127 @@ def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> Ca
     spec, small = background.spec, crop.downsampled(shrink) if shrink > 1 else crop
     rows, cols = spec.grid(*small.image.shape[2:])
     return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Elements:
+    """Patches of r x c cells of one descriptor with C channels, the most discriminative first.
+
+    Attributes:
+        positions: (N, 2), int64: row and column of the upper left cell.
+        patches: (N, r, c, C), q.
+        weights: (N, r, c, C), w = Σ⁻¹(q − μ), 0 in empty cells: wᵀx is how much x looks like the element.
+        discriminability: (N,), ‖Σ^-½(q − μ)‖.
+    """
+
+    positions: Tensor
+    patches: Tensor
+    weights: Tensor
+    discriminability: Tensor
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        """Number and size, not the patches."""
+        rows, cols, channels = self.patches.shape[1:]
+        return f"<Elements: {len(self)} of {rows}x{cols} cells with {channels} channels>"
+
+
+def all_patches(descriptor: Tensor, size: tuple[int, int]) -> Tensor:
+    """Every patch of a descriptor (rows, cols, C): (rows − r + 1, cols − c + 1, r, c, C), a view."""
+    return descriptor.unfold(0, size[0], 1).unfold(1, size[1], 1).permute(0, 1, 3, 4, 2)
+
+
+@torch.no_grad()
+def elements(
+    descriptor: Tensor,
+    background: Background,
+    size: tuple[int, int] = (5, 5),
+    *,
+    count: int | None = 25,
+    overlap: float = 0.25,
+    threshold: float = 2.0,
+) -> Elements:
+    """The discriminative elements of one descriptor.
+
+    Args:
+        descriptor: (rows, cols, C), float32 or float64, of the background's dialect.
+        background: statistics of other photographs.
+        size: rows and columns of an element, in cells.
+        count: the most to return; None for no limit.
+        overlap: the most that two elements share: the area of their intersection over that of the smallest box around
+            both.
+        threshold: the least discriminability, in that of an empty patch, √(μᵀΣ⁻¹μ).
+
+    Returns:
+        At most ``count``; none of an empty descriptor, or of one smaller than ``size``.
+
+    Raises:
+        ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
+            templates of this size.
+
+    >>> spec = nablahog.presets.aubry(cell_size=8)
+    >>> background = nablahog.pose.learn_background({"a": torch.rand(128, 128)}, spec, order=4)
+    >>> image = torch.zeros(1, 1, 96, 96)
+    >>> image[..., 30:70, 40:60] = 1.0  # a white box
+    >>> result = nablahog.pose.elements(nablahog.hog(image, spec)[0], background, (5, 5), count=3)
+    >>> len(result) <= 3
+    True
+    """
+    channels = background.spec.channels
+    if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():
+        raise ValueError(
+            f"the descriptor must be a floating-point tensor (rows, cols, {channels}), "
+            f"got {descriptor.dtype} of shape {tuple(descriptor.shape)}"
+        )
+    if count is not None and count < 1:
+        raise ValueError(f"count must be at least 1, or None, got {count}")
+    if not 0 <= overlap <= 1 or not threshold >= 0:
+        raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
+    background.factor(*size)  # raises for sizes it does not know
+    across = max(0, descriptor.shape[1] - size[1] + 1)
+    if across and descriptor.shape[0] >= size[0]:
+        flat = all_patches(descriptor, size).flatten(0, 1)
+    else:
+        flat = descriptor.new_zeros(0, *size, descriptor.shape[2])
+    order, discriminability = most_discriminative(flat, background, threshold)
+    positions = torch.stack([order // across, order % across], dim=1)
+    corners = torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1)
+    kept = suppress_overlaps(corners, count, overlap)
+    chosen = order[kept]
+    best = flat[chosen]
+    return Elements(positions[kept], best, element_weights(best, background), discriminability[chosen])
+
+
+def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:
+    """Indices of the patches (N, r, c, C) above a threshold, the best first, and the discriminability of all, (N,)."""
+    discriminability = background.discriminability(patches)
+    least = threshold * background.discriminability(patches.new_zeros(1, *patches.shape[1:]))
+    order = torch.argsort(discriminability, descending=True, stable=True)
+    return order[discriminability[order] > least], discriminability
+
+
+def element_weights(patches: Tensor, background: Background) -> Tensor:
+    """w of :class:`Elements` for patches (N, r, c, C)."""
+    return background.whiten(patches) * (patches.abs().sum(dim=3, keepdim=True) > EMPTY)
+
+
+def suppress_overlaps(corners: Tensor, count: int | None, overlap: float) -> Tensor:
+    """Non-maximum suppression: indices (K,) of the boxes that overlap with no better one that is kept.
+
+    Args:
+        corners: (N, 4), in order of preference: the low corner and the high one, both x, y or both row, column.
+        count: the most to keep; None for no limit.
+        overlap: the largest share allowed of the intersection in the smallest box around both.
+    """
+    kept: list[Tensor] = []
+    left = torch.arange(len(corners), device=corners.device)
+    while len(left) and (count is None or len(kept) < count):
+        best, others = left[0], left[1:]
+        kept.append(best)
+        low, high = corners[others, :2], corners[others, 2:]
+        shared = (torch.minimum(high, corners[best, 2:]) - torch.maximum(low, corners[best, :2])).clamp(min=0).prod(1)
+        around = (torch.maximum(high, corners[best, 2:]) - torch.minimum(low, corners[best, :2])).prod(1)
+        left = others[shared <= overlap * around]
+    return torch.stack(kept) if kept else left

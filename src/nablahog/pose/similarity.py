@@ -23,7 +23,7 @@ from ..hog.box import Box
 from ..hog.descriptor import steps
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
-from ..render.pose_gradient import pose_vjp
+from ..render.camera import pose_vjp
 from ..runtime.pytorch import in_threads
 from .crop import ObjectCrop
 from .whitening import Whitener
@@ -41,19 +41,12 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedTemplate:
-    """The whitened descriptor of a whole crop, with which those of renderings are compared.
+    """The whitened descriptor of a whole crop, with which those of renderings are compared."""
 
-    Attributes:
-        spec: of both descriptors.
-        weights: w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32.
-        whitener: Σ⁻¹.
-        shrink: factor by which the crop is made smaller before it is described.
-    """
-
-    spec: HOGSpec
-    weights: Tensor
-    whitener: Whitener
-    shrink: int = 1
+    spec: HOGSpec  # of both descriptors
+    weights: Tensor  # w = Σ⁻¹(φ(I) − μ), (C, rows, cols), float32
+    whitener: Whitener  # Σ⁻¹
+    shrink: int = 1  # factor by which the crop is made smaller before it is described
 
     def similarities(self, images: Tensor) -> Tensor:
         """(B,) of images (B, 1, H, W)."""
@@ -65,9 +58,7 @@ class CalibratedTemplate:
         with torch.enable_grad():
             descriptors = describe(images, self.spec)
             values, grad_descriptors = self.values_and_gradients(descriptors.detach())
-            product = (
-                descriptors * grad_descriptors
-            ).sum()  # of a scalar: else PyTorch imports SymPy, for half a second
+            product = (descriptors * grad_descriptors).sum()  # a scalar: else PyTorch imports SymPy, for half a second
         (grad_images,) = torch.autograd.grad(product, images)
         return values, grad_images
 
@@ -94,11 +85,7 @@ def deviations(squared: Tensor) -> Tensor:
 def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
     """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
 
-    Args:
-        crop: already ``shrink`` times smaller than the one that poses are meant for.
-        spec: of the descriptor.
-        whitener: of its size.
-        shrink: factor.
+    The crop is already ``shrink`` times smaller than the one that poses are meant for.
     """
     descriptor = whitener.centred(describe(crop.image, spec))
     x0, y0, x1, y1 = crop.valid
@@ -111,18 +98,11 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
 
 @dataclass(frozen=True, eq=False)
 class PatchTemplate:
-    """The patches of a photograph's visual elements, with which the same patches of renderings are compared.
+    """The patches of a photograph's visual elements, with which the same patches of renderings are compared."""
 
-    Attributes:
-        spec: of φ.
-        regions: of the N patches in the crop, whole pixels, all of one size, h x w.
-        descriptors: φ(P_I), (N, rows, cols, C).
-        shrink: 1, the crop is described as it is.
-    """
-
-    spec: HOGSpec
-    regions: tuple[Box, ...]
-    descriptors: Tensor
+    spec: HOGSpec  # of φ
+    regions: tuple[Box, ...]  # of the N patches in the crop, whole pixels, all of one size, h x w
+    descriptors: Tensor  # φ(P_I), (N, rows, cols, C)
     shrink: int = 1
 
     def similarities(self, images: Tensor) -> Tensor:
@@ -184,15 +164,7 @@ def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
 
 
 class Similarity:
-    """The similarity of renderings to a photograph as a function of their poses.
-
-    Args:
-        renderer: with a camera for images of the template's size.
-        template: of the photograph.
-
-    Attributes:
-        renderings: compared so far.
-    """
+    """The similarity of renderings to a template as a function of their poses; it counts the renderings compared."""
 
     def __init__(self, renderer: Renderer, template: Template) -> None:
         self.renderer, self.template = renderer, template
@@ -204,10 +176,7 @@ class Similarity:
         return torch.cat(self._in_batches(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), see :meth:`values`.
-
-        Derivatives by angles are per degree.
-        """
+        """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), per degree, unit and pixel."""
         values, slopes = zip(*self._in_batches(self._derivatives, poses), strict=True)
         by_pose = torch.cat(slopes)
         by_pose[:, 4:] /= self.template.shrink

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from ..hog.spec import HOGSpec
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, check_weights, with_weights
 from .background import coarse_background
-from .fit_box import VIEW_COUNT
+from .model import VIEW_COUNT
 
 FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
 CELLS = 16  # of the descriptor, along each side

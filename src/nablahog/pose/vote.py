@@ -1,19 +1,34 @@
-"""Poses that a search has come to: which of them are rivals, and for which side of the object several models vote.
+"""Poses that a search has come to: which are rivals, for which side several models vote, and how sure the azimuth is.
 
-One wrong model may fit any side; where many models fit is the object.
+One wrong model may fit any side; where many models fit is the object.  Views of all models, before any pose is tried
+closely, are evidence for a side, too, and so is a network that has learned what objects of the class look like from
+each side.  The confidence is a logistic regression on all this: the similarity alone says how well a model fits; that
+another side of the object fits as well, or that other models agree, says more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 
-from .fit_box import azimuth_distance, signed_angles
+from .background import coarse_background
+from .model import (
+    VIEW_COUNT,
+    PreparedModel,
+    azimuth_distance,
+    equidistant_azimuths,
+    signed_angles,
+    view_descriptors,
+)
 from .options import SearchTrace
 from .photograph import PreparedPhotograph
+from .similarity import describe
+from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _COARSE = 0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
@@ -21,30 +36,28 @@ _AGREED = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _BLUR = 12.0  # degrees
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
+# the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
+KNOWN = -8.76, 5.88, -3.31, 0.0  # of a single model
+UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
 _RUNNERS_UP = 3  # poses from other sides that are kept
+_SHARPNESS = 0.5  # of the soft maximum, in units of similarity
+_NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
+_ASKED = 4  # every fourth view of a model is shown to the network, to see whether it knows the class
+_ELEVATION = 15.0  # degrees, of these views
+_KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`SAME_SIDE` degrees
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose of a model with its similarity.
+    """A pose of a model with its similarity."""
 
-    Attributes:
-        similarity: the last one that was computed: of large cells until the ascent, of small ones after it.
-        model: its name.
-        pose: (6,) for the crop.
-        photograph: the crop around the object's box, or around a better one.
-        place: the crop around the box that was given, or that the object may be in.
-        trace: azimuth and coarse similarity of the poses so far.
-        penalty: subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`.
-    """
-
-    similarity: float
-    model: str
-    pose: Tensor
-    photograph: PreparedPhotograph
-    place: PreparedPhotograph
-    trace: tuple[tuple[float, float], ...] = ()
-    penalty: float = 0.0
+    similarity: float  # the last one that was computed: of large cells until the ascent, of small ones after it
+    model: str  # its name
+    pose: Tensor  # (6,) for the crop
+    photograph: PreparedPhotograph  # the crop around the object's box, or around a better one
+    place: PreparedPhotograph  # the crop around the box that was given, or that the object may be in
+    trace: tuple[tuple[float, float], ...] = ()  # azimuth and coarse similarity of the poses so far
+    penalty: float = 0.0  # subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`
 
     def moved(self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0) -> Hypothesis:
         """The hypothesis at another pose, with its similarity and that of the coarse template."""
@@ -132,13 +145,7 @@ def more_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> li
 def shares_of_best(
     best: Hypothesis, refined: Sequence[Hypothesis], tilted: Sequence[Hypothesis]
 ) -> list[tuple[float, Hypothesis]]:
-    """Poses with their part of the best one's similarity.
-
-    Args:
-        best: of the refined ones.
-        refined: poses after their ascents.
-        tilted: poses before; those without an ascent are compared with the best of them.
-    """
+    """Poses with their part of the similarity of the best refined one; those without an ascent, of the best tilted."""
     highest = max(one.similarity for one in tilted)
     shares = [(one.similarity / max(best.similarity, 1e-9), one) for one in refined if one is not best]
     started = [azimuth for one in refined for azimuth, _ in one.trace[:-1]]
@@ -155,10 +162,7 @@ def runners_up(
 ) -> list[tuple[Hypothesis, float]]:
     """The poses with the highest shares from sides other than the best one's and each other's, and their shares.
 
-    Args:
-        shares: of poses, and the poses.
-        best: the pose that is estimated.
-        same_view: other azimuths from which its model looks the same, degrees.
+    From the azimuths ``same_view``, degrees, the best one's model looks the same.
     """
     azimuths = [best.azimuth, *same_view]
     chosen: list[tuple[Hypothesis, float]] = []
@@ -172,3 +176,66 @@ def runners_up(
 def _weights(similarities: Tensor) -> Tensor:
     """Of poses in a vote, (N,), float64."""
     return torch.exp((similarities.double() - similarities.max()) / _AGREED)
+
+
+def azimuth_evidence(
+    models: Sequence[PreparedModel],
+    photographs: Sequence[PreparedPhotograph],
+    penalties: Mapping[float, float],
+    prior: ViewpointPrior | None,
+) -> Tensor:
+    """Logarithms of the probabilities of the azimuths 0°, 7.5°, … in each of several crops, (P, 48), float64.
+
+    Penalties of similarity are by the elevations of the views, degrees; the prior counts if it knows the class.
+    """
+    weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
+    sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)
+    for elevation, penalty in penalties.items():
+        for model in models:
+            views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
+            sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
+    evidence, (_, shrink) = _SHARPNESS * sums.log(), coarse_background()  # a soft maximum over models
+    if prior is not None and knows(prior, models):
+        crops = torch.cat([photograph.crop.downsampled(shrink).image for photograph in photographs])
+        evidence += _NETWORK * prior.log_probabilities(describe(crops, prior.spec)).double()
+    return evidence.log_softmax(1)
+
+
+def at_azimuths(evidence: Tensor, azimuths: Tensor) -> Tensor:
+    """Evidence (N, 48), interpolated at one azimuth each (N,), degrees: (N,)."""
+    place = azimuths % 360 * (VIEW_COUNT / 360)
+    low = place.long() % VIEW_COUNT
+    share = place - place.floor()
+    ends = torch.stack([low, (low + 1) % VIEW_COUNT], 1)
+    before, after = evidence.gather(1, ends).unbind(1)
+    return (1 - share) * before + share * after
+
+
+def knows(prior: ViewpointPrior, models: Sequence[PreparedModel]) -> bool:
+    """Whether the prior recognises the azimuths of views of the models: their class, and which side is the front."""
+    return sum(_right_share(prior, model) for model in models) >= _KNOWN * len(models)
+
+
+@lru_cache(maxsize=2048)
+def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
+    """Share of the views of a model whose azimuth the prior tells."""
+    likely = prior.log_probabilities(view_descriptors(model, _ELEVATION)[::_ASKED]).argmax(1)
+    apart = signed_angles(likely * (360 / VIEW_COUNT) - equidistant_azimuths(VIEW_COUNT)[::_ASKED])
+    return float((apart.abs() <= SAME_SIDE).double().mean())
+
+
+def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
+    """The probability that the azimuth is within 15°, or one from which the model looks the same.
+
+    Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
+    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
+
+    Args:
+        similarity: calibrated, of the best pose.
+        rival: share of the best runner-up; 0 if there is none.
+        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
+        known_model: whether there is a single model.
+    """
+    constant, of_similarity, of_rival, of_agreement = KNOWN if known_model else UNKNOWN
+    logit = constant + of_similarity * math.log1p(max(similarity, 0.0)) + of_rival * rival + of_agreement * agreement
+    return 1 / (1 + math.exp(-logit))

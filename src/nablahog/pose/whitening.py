@@ -111,12 +111,16 @@ class Background(LearnedModel):
         most = self.order + 1
         if not (1 <= rows <= most and 1 <= cols <= most):
             raise ValueError(f"a template must have 1…{most} rows and columns of cells here, got {rows}x{cols}")
-        above = self.covariance[1:].flip(0, 1).mT  # the cell at -dy, -dx sees this one at dy, dx
-        offsets = torch.cat([above, self.covariance])
+        offsets = self.all_offsets()
         row, col = torch.arange(rows), torch.arange(cols)
         dy, dx = row - row[:, None] + self.order, col - col[:, None] + self.order
         blocks = offsets[dy[:, :, None, None], dx]  # (row, row', col, col', channel, channel')
         return blocks.permute(0, 2, 4, 1, 3, 5).reshape(2 * [rows * cols * self.spec.channels])
+
+    def all_offsets(self) -> Tensor:
+        """The covariance at all offsets, (2 · order + 1, 2 · order + 1, C, C)."""
+        above = self.covariance[1:].flip(0, 1).mT  # the cell at -dy, -dx sees this one at dy, dx
+        return torch.cat([above, self.covariance])
 
     def factor(self, rows: int, cols: int) -> Tensor:
         """L, lower triangular, with L·Lᵀ = Σ + λ; cached."""
@@ -128,12 +132,13 @@ class Background(LearnedModel):
     def decorrelate(self, templates: Tensor) -> Tensor:
         """L⁻¹(q − μ), (N, rows, cols, C): over the background, entries of unit variance that do not correlate."""
         centred, factor = self._centred(templates)
-        return _templates(torch.linalg.solve_triangular(factor, centred, upper=False), templates)
+        white: Tensor = torch.linalg.solve_triangular(factor, centred, upper=False)
+        return white.T.reshape(templates.shape).to(templates)
 
     def whiten(self, templates: Tensor) -> Tensor:
         """Σ⁻¹(q − μ), (N, rows, cols, C): the weights of the linear discriminant between q and the background."""
         centred, factor = self._centred(templates)
-        return _templates(torch.cholesky_solve(centred, factor), templates)
+        return torch.cholesky_solve(centred, factor).T.reshape(templates.shape).to(templates)
 
     def discriminability(self, templates: Tensor) -> Tensor:
         """‖Σ^-½(q − μ)‖, (N,): how unlike the background a template is, in its standard deviations."""
@@ -142,25 +147,23 @@ class Background(LearnedModel):
 
     def deviation(self, weights: Tensor) -> Tensor:
         """√(wᵀΣw), (N,): the standard deviation of the score of weights (N, rows, cols, C) over the background."""
-        flat = self._flat(weights)
-        deviations: Tensor = (self._factor_for(weights).mT @ flat).norm(dim=0).to(weights)
+        flat, factor = self._columns(weights)
+        deviations: Tensor = (factor.mT @ flat).norm(dim=0).to(weights)
         return deviations
 
     def _centred(self, templates: Tensor) -> tuple[Tensor, Tensor]:
         """q − μ as columns, and L."""
-        mean = self.template_mean(*templates.shape[1:3]).reshape(-1, 1).to(templates.device)
-        return self._flat(templates) - mean, self._factor_for(templates)
+        columns, factor = self._columns(templates)
+        return columns - self.template_mean(*templates.shape[1:3]).reshape(-1, 1).to(templates.device), factor
 
-    def _flat(self, templates: Tensor) -> Tensor:
+    def _columns(self, templates: Tensor) -> tuple[Tensor, Tensor]:
+        """q as columns, and L."""
         if templates.dim() != 4 or templates.shape[3] != self.spec.channels or not templates.is_floating_point():
             raise ValueError(
                 f"templates must be floating-point tensors (N, rows, cols, {self.spec.channels}), "
                 f"got {templates.dtype} of shape {tuple(templates.shape)}"
             )
-        return templates.flatten(1).double().T
-
-    def _factor_for(self, templates: Tensor) -> Tensor:
-        return self.factor(*templates.shape[1:3]).to(templates.device)
+        return templates.flatten(1).double().T, self.factor(*templates.shape[1:3]).to(templates.device)
 
 
 def check_spec(spec: HOGSpec) -> None:
@@ -170,10 +173,6 @@ def check_spec(spec: HOGSpec) -> None:
             f"there is a background of locally normalised descriptors only: one factor for a whole image, as in "
             f"{spec.name}, makes templates of different images no samples of one distribution"
         )
-
-
-def _templates(columns: Tensor, like: Tensor) -> Tensor:
-    return columns.T.reshape(like.shape).to(like.dtype)
 
 
 def _cholesky(covariance: Tensor, regularization: float) -> Tensor:
@@ -196,13 +195,8 @@ class Whitener:
     Σ of a stationary background is a convolution over cells, and so is its inverse far from the border.  On a torus a
     little larger than the descriptor, the Fourier transform turns both into one C x C matrix for each frequency.
 
-    The autocovariance is known for offsets up to the background's order only: a triangular window fades it out, and λ
-    is added to the eigenvalues of each frequency's matrix.
-
-    Args:
-        background: μ and Σ.
-        rows, cols: of the descriptors, in cells.
-        regularization: λ, by default the background's.
+    The autocovariance is known for offsets up to the background's order only: a triangular window fades it out, and λ,
+    by default the background's, is added to the eigenvalues of each frequency's matrix.
     """
 
     def __init__(self, background: Background, rows: int, cols: int, regularization: float | None = None) -> None:
@@ -214,8 +208,9 @@ class Whitener:
         # half of a real signal's spectrum is stored: all but the first and the middle column count twice
         across = np.arange(self.size[1] // 2 + 1)
         shares = np.where(2 * across % self.size[1] == 0, 1, 2) / math.prod(self.size)
-        self._shares = _whole_blocks(torch.from_numpy(np.tile(shares.astype(np.float32), self.size[0])))
-        blocks = torch.view_as_real(torch.unflatten(_whole_blocks(self.inverse), 2, (-1, _BLOCK)))
+        whole = 0, -self.inverse.shape[2] % _BLOCK  # padding with zeros
+        self._shares = pad(torch.from_numpy(np.tile(shares.astype(np.float32), self.size[0])), whole)
+        blocks = torch.view_as_real(torch.unflatten(pad(self.inverse, whole), 2, (-1, _BLOCK)))
         self._blocks = blocks.permute(2, 0, 1, 4, 3).contiguous()  # (blocks, C, C, 2, frequencies of a block)
 
     @cached_property
@@ -245,19 +240,13 @@ class Whitener:
 
     def _spectrum(self, descriptors: Tensor) -> NDArray[np.complex64]:
         """The Fourier transform of descriptors (B, C, rows, cols), (B, C, frequencies)."""
-        # PyTorch is slower at small transforms
-        spectrum = rfft2(descriptors.float().numpy(force=True), s=self.size)
+        spectrum = rfft2(descriptors.float().numpy(force=True), s=self.size)  # PyTorch is slower at small transforms
         half: NDArray[np.complex64] = spectrum.reshape(*spectrum.shape[:2], -1)
         return half
 
     def centred(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
-
-
-def _whole_blocks(values: Tensor) -> Tensor:
-    """Values (…, frequencies), padded with zeros to whole blocks of frequencies."""
-    return pad(values, (0, -values.shape[-1] % _BLOCK))
 
 
 def _inverse_spectrum(background: Background, size: tuple[int, int], least: float) -> Tensor:
@@ -269,10 +258,8 @@ def _inverse_spectrum(background: Background, size: tuple[int, int], least: floa
         return _inverted(background, size, least)
     cells = _inverse_cells(background, least)
     torus = cells.new_zeros(*size, *cells.shape[2:])
-    half = _REACH // 2
-    for rows in (slice(None, half), slice(-half, None)):
-        for cols in (slice(None, half), slice(-half, None)):
-            torus[rows, cols] = cells[rows, cols]
+    offsets = torch.arange(-(_REACH // 2), _REACH // 2)
+    torus[offsets[:, None], offsets] = cells[offsets[:, None], offsets]
     spectrum: Tensor = torch.fft.rfft2(torus, dim=(0, 1))
     return spectrum
 
@@ -297,16 +284,13 @@ def _inverted(background: Background, size: tuple[int, int], least: float) -> Te
 
 def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:
     """The autocovariance at all offsets on a torus, (rows, cols, C, C), faded out at the background's order."""
-    order = background.order
-    above = background.covariance[1:].flip(0, 1).mT
-    offsets = torch.cat([above, background.covariance])  # (2 · order + 1, 2 · order + 1, C, C)
+    order, offsets = background.order, background.all_offsets()
     fade = 1 - torch.arange(-order, order + 1, dtype=torch.float64).abs() / (order + 1)
     offsets = offsets * (fade[:, None] * fade)[:, :, None, None]
     torus = offsets.new_zeros((*size, *offsets.shape[2:]))
     dy, dx = (torch.arange(-order, order + 1) % side for side in size)
     # offsets beyond half the torus coincide with others: both are added
-    torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
-    return torus
+    return torus.index_put_((dy[:, None], dx[None, :]), offsets, accumulate=True)
 
 
 @lru_cache(maxsize=64)

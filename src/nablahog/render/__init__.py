@@ -1,6 +1,6 @@
 """The differentiable renderer: a mesh, a pose and a camera to an image (Section 3.2)."""
 
-from .camera import PARAMETERS, Camera, pose
+from .camera import PARAMETERS, Camera, pose, pose_jacobian, pose_vjp
 from .conventions import (
     Pascal3D,
     from_pascal3d,
@@ -8,12 +8,10 @@ from .conventions import (
     to_pascal3d,
     to_pytorch3d,
 )
-from .gbuffer import depth_and_normals, silhouette
-from .mesh import Mesh, load_mesh
-from .mesh_archive import sample_chairs
-from .pose_gradient import pose_jacobian, pose_vjp
-from .renderer import Renderer, render
-from .shading import Light
+from .mesh import Mesh, load_mesh, sample_chairs
+from .rasterize import depth_and_normals
+from .renderer import Renderer, render, silhouette
+from .surface import Light
 
 __all__ = [
     "PARAMETERS",

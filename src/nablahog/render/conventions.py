@@ -1,7 +1,7 @@
-"""Poses and cameras in the conventions of PASCAL3D+ and pytorch3d.
+"""Poses and cameras in the conventions of other programs: PASCAL3D+, pytorch3d, and 4×4 matrices.
 
-In both azimuth is an angle about the object's upright axis, and elevation one above its horizontal plane.  They
-differ in where azimuth 0 is:
+In the first two azimuth is an angle about the object's upright axis, and elevation one above its horizontal plane.
+They differ in where azimuth 0 is:
 
 =============  ==========================  =======================  ==========================
 convention     azimuth 0: the camera at    azimuth 90: at           the object's up
@@ -10,18 +10,25 @@ ours           -y, in front of the object  +x                       +z
 PASCAL3D+      -y                          +x                       +z
 pytorch3d      +z                          +x                       +y
 =============  ==========================  =======================  ==========================
+
+A pose turns the object on the optical axis and then moves its image (:mod:`.camera`): the camera looks straight at the
+object, and the principal point moves.  A real camera has one principal point and sees the object along a ray at an
+angle to its optical axis.  :func:`turn_to` is the rotation between the two cameras.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import torch
 from torch import Tensor
 
 from .camera import Camera, check_poses, rotations
 from .camera import pose as one_pose
+from .mesh import Mesh
+
+MatrixConvention: TypeAlias = Literal["opencv", "opengl"]
 
 VIEWPORT = 3000.0
 """Pixels of PASCAL3D+'s viewport: its focal lengths are in units of this."""
@@ -161,21 +168,14 @@ def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     >>> translation.tolist(), round(fov, 6)
     ([[0.0, 0.0, 3.0]], 90.0)
     """
-    poses = _centred(poses)
-    turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
-    translation = torch.nn.functional.pad(poses[:, 2:3], (2, 0))
-    return poses.new_tensor(_Y_UP) @ turned, translation, _degrees(min(camera.height, camera.width), camera.focal)
-
-
-def _centred(poses: Tensor) -> Tensor:
     check_poses(poses)
     if bool((poses[:, 4:] != 0).any()):
         raise ValueError("the camera must look at the object's origin: x and y must be 0")
-    return poses.double()
-
-
-def _degrees(pixels: int, focal: float) -> float:
-    return math.degrees(2 * math.atan(pixels / 2 / focal))
+    poses = poses.double()
+    turned = rotations(poses).transpose(1, 2) * poses.new_tensor(_LEFT_UP)
+    translation = torch.nn.functional.pad(poses[:, 2:3], (2, 0))
+    field_of_view = math.degrees(2 * math.atan(min(camera.height, camera.width) / 2 / camera.focal))
+    return poses.new_tensor(_Y_UP) @ turned, translation, field_of_view
 
 
 def angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -191,3 +191,47 @@ def angles(rotation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     down = torch.stack([se * sa, -se * ca, -ce], dim=1)
     theta = torch.atan2((right * down).sum(1), (right * level).sum(1))
     return torch.rad2deg(azimuth), torch.rad2deg(elevation), torch.rad2deg(theta)
+
+
+def turn_to(ray: Tensor) -> Tensor:
+    """The smallest rotation (3, 3) of a camera after which it looks along a ray (3,), z above 0: rows are its axes."""
+    x, y, z = (ray / ray.norm()).unbind()
+    a, b, c = x * x / (1 + z), x * y / (1 + z), y * y / (1 + z)
+    return torch.stack([torch.stack([1 - a, -b, -x]), torch.stack([-b, 1 - c, -y]), torch.stack([x, y, z])])
+
+
+def pose_matrix(pose: Tensor) -> Tensor:
+    """(4, 4), float64: from the object's frame to that of a camera that looks straight at it, at a pose (6,)."""
+    matrix = torch.eye(4, dtype=torch.float64)
+    matrix[:3, :3] = rotations(pose[None].double())[0]
+    matrix[2, 3] = pose[2]
+    return matrix
+
+
+def in_convention(matrix: Tensor, convention: MatrixConvention) -> Tensor:
+    """A matrix (4, 4) to OpenCV's camera frame (x right, y down, z forward), or to OpenGL's (y up, z backward)."""
+    if convention not in get_args(MatrixConvention):
+        raise ValueError(f"convention must be 'opencv' or 'opengl', got {convention!r}")
+    return matrix if convention == "opencv" else matrix.new_tensor([1, -1, -1, 1])[:, None] * matrix
+
+
+def moved_before(
+    mesh: Mesh, matrix: Tensor, intrinsics: Tensor, height: int, width: int
+) -> tuple[Mesh, Tensor, Camera]:
+    """What :func:`.renderer.render` takes to draw a mesh as a pinhole camera sees it: a mesh, a pose (1, 6), a camera.
+
+    A renderer's object is on the optical axis; this one is moved within its frame until its origin is.
+
+    Args:
+        mesh: in the frame that ``matrix`` maps to the camera's.
+        matrix: (4, 4), rigid, OpenCV's convention, float64.
+        intrinsics: (3, 3), of square pixels, float64.
+        height, width: of the image, pixels.
+    """
+    rotation, translation = matrix[:3, :3], matrix[:3, 3]
+    aside = translation * translation.new_tensor([1, 1, 0])
+    azimuth, elevation, theta = (float(angle) for angle in angles(rotation[None]))
+    x, y = (intrinsics[:2, 2] - intrinsics.new_tensor([width, height]) / 2).tolist()
+    moved = Mesh(mesh.vertices + aside @ rotation, mesh.faces, mesh.brightness)
+    camera = Camera(float(intrinsics[0, 0]), height, width)
+    return moved, one_pose(azimuth, elevation, float(translation[2]), theta, x, y), camera

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from .rasterize import barycentric, normalize_weights
-from .topology import BOUNDARY, SMOOTH, Edges
+from .surface import BOUNDARY, SMOOTH, Edges
 
 GAP = 0.05
 """Relative difference of 1 / depth between neighbouring samples above which one surface ends before another."""
@@ -28,26 +28,17 @@ TOUCHING = 0.004
 
 
 class Crossings(NamedTuple):
-    """Links between neighbouring samples that a visible edge crosses.
-
-    Attributes:
-        batch, axis, row, col: (N,): the link goes from sample (row, col) down (axis 0) or to the right (axis 1).
-        at: (N,) in 0…1: how far along the link.
-        slope: (N,): samples along the link that the edge advances for each sample across it.
-        measured: (N,): False where the link is along the edge's minor axis: its crossing counts on the other axis.
-        edge: (N,): index of the edge.
-        part: (N,) in 0…1: how far along the edge, on the screen.
-    """
+    """Links between neighbouring samples that a visible edge crosses: N of them, and as many numbers in each field."""
 
     batch: Tensor
-    axis: Tensor
+    axis: Tensor  # the link goes from a sample down (0) or to the right (1)
     row: Tensor
     col: Tensor
-    at: Tensor
-    slope: Tensor
-    measured: Tensor
-    edge: Tensor
-    part: Tensor
+    at: Tensor  # in 0…1: how far along the link
+    slope: Tensor  # samples along the link that the edge advances for each sample across it
+    measured: Tensor  # False where the link is along the edge's minor axis: its crossing counts on the other axis
+    edge: Tensor  # index of the edge
+    part: Tensor  # in 0…1: how far along the edge, on the screen
 
     def select(self, index: Tensor) -> Crossings:
         """The crossings at an index or in a mask."""
@@ -132,13 +123,7 @@ def _crossings_along(
 
 
 def argmax_at(place: Tensor, rank: Tensor, size: int) -> Tensor:
-    """Indices of the entries with the highest rank at each place, the first of several equal ones.
-
-    Args:
-        place: (N,), in 0…size - 1.
-        rank: (N,), at least 0.
-        size: number of places.
-    """
+    """Indices of the entries with the highest rank (N,) ≥ 0 at each place (N,), the first of several equal ones."""
     best = rank.new_full((size,), -1).scatter_reduce(0, place, rank, "amax")
     equal = (rank == best[place]).nonzero().squeeze(1)
     number = place.new_full((size,), len(place)).scatter_reduce(0, place[equal], equal, "amin")
@@ -163,69 +148,40 @@ def antialias(
     """
     image = torch.nn.functional.avg_pool2d(samples[:, None], step)[:, 0]
     for axis in (0, 1):
-        links = _Links.along(axis, samples, ids)
+        size = samples.shape[1 + axis] - 1
+        difference = samples.narrow(1 + axis, 1, size) - samples.narrow(1 + axis, 0, size)
+        touching = (ids >= 0).narrow(1 + axis, 0, size) | (ids >= 0).narrow(1 + axis, 1, size)  # links of the object
         on_axis = crossings.select(crossings.axis == axis)
-        crossed = torch.zeros(links.covered.shape, dtype=torch.bool, device=samples.device)
+        crossed = torch.zeros_like(touching)
         crossed[on_axis.batch, on_axis.row, on_axis.col] = True
-        image = _move_edges(image, links, on_axis, motion, edges, step)
-        image = _move_surfaces(image, links, crossed, ids, inverse, screen, motion, faces, step)
+        one = on_axis.select(on_axis.measured & touching[on_axis.batch, on_axis.row, on_axis.col])
+        image = _move_edges(image, axis, difference, one, motion, edges, step)
+        # links without an edge: their middle moves with the surface in front
+        n, row, col = ((difference != 0) & touching & ~crossed).nonzero().T
+        row2, col2 = row + (axis == 0), col + (axis == 1)
+        nearer = inverse[n, row2, col2] > inverse[n, row, col]
+        corners = faces[torch.where(nearer, ids[n, row2, col2], ids[n, row, col])]
+        moved = surface_motion(screen, motion, corners, n, (col + col2 + 1) / 2, (row + row2 + 1) / 2)[:, 1 - axis]
+        change = -difference.detach()[n, row, col] * (1 / step**2) / 2 * moved
+        image = image.index_put((n, row // step, col // step), change, accumulate=True)
+        image = image.index_put((n, row2 // step, col2 // step), change, accumulate=True)
     return image
 
 
-class _Links(NamedTuple):
-    """The links between neighbouring samples along one axis: differences of brightness, and which touch the object."""
-
-    axis: int
-    difference: Tensor
-    covered: Tensor
-
-    @staticmethod
-    def along(axis: int, samples: Tensor, ids: Tensor) -> _Links:
-        size = samples.shape[1 + axis] - 1
-        there, here = samples.narrow(1 + axis, 1, size), samples.narrow(1 + axis, 0, size)
-        covered = ids >= 0
-        return _Links(axis, there - here, covered.narrow(1 + axis, 0, size) | covered.narrow(1 + axis, 1, size))
-
-
-def _move_edges(image: Tensor, links: _Links, crossings: Crossings, motion: Tensor, edges: Edges, step: int) -> Tensor:
+def _move_edges(
+    image: Tensor, axis: int, difference: Tensor, one: Crossings, motion: Tensor, edges: Edges, step: int
+) -> Tensor:
     """Moves the boundary of links with an edge to the crossing; its derivative is that of the edge's motion."""
-    axis, share = links.axis, 1 / step**2
-    one = crossings.select(crossings.measured)
-    one = one.select(links.covered[one.batch, one.row, one.col])
-    difference = links.difference[one.batch, one.row, one.col]
+    share, across = 1 / step**2, difference[one.batch, one.row, one.col]
     after = (one.at >= 0.5).long()
     row, col = one.row + after * (axis == 0), one.col + after * (axis == 1)
     pixel = (one.batch, row // step, col // step)
-    image = image.index_put(pixel, (0.5 - one.at) * difference * share, accumulate=True)
+    image = image.index_put(pixel, (0.5 - one.at) * across * share, accumulate=True)
     ends = motion[one.batch[:, None], edges.ends[one.edge]]
     moved = torch.lerp(ends[:, 0], ends[:, 1], one.part[:, None])
     # by which the edge moves along the link: this share of a sample changes sides
     advance = moved[:, 1 - axis] - one.slope * moved[:, axis]
-    return image.index_put(pixel, -difference.detach() * share * advance, accumulate=True)
-
-
-def _move_surfaces(
-    image: Tensor,
-    links: _Links,
-    crossed: Tensor,
-    ids: Tensor,
-    inverse: Tensor,
-    screen: Tensor,
-    motion: Tensor,
-    faces: Tensor,
-    step: int,
-) -> Tensor:
-    """Adds the derivative of links without an edge: their middle moves with the surface in front."""
-    axis, difference = links.axis, links.difference.detach()
-    link = ((difference != 0) & links.covered & ~crossed).nonzero()
-    n, row, col = link.T
-    row2, col2 = row + (axis == 0), col + (axis == 1)
-    nearer = inverse[n, row2, col2] > inverse[n, row, col]
-    face = torch.where(nearer, ids[n, row2, col2], ids[n, row, col])
-    moved = surface_motion(screen, motion, faces[face], n, (col + col2 + 1) / 2, (row + row2 + 1) / 2)[:, 1 - axis]
-    change = -difference[n, row, col] * (1 / step**2) / 2 * moved
-    image = image.index_put((n, row // step, col // step), change, accumulate=True)
-    return image.index_put((n, row2 // step, col2 // step), change, accumulate=True)
+    return image.index_put(pixel, -across.detach() * share * advance, accumulate=True)
 
 
 def surface_motion(screen: Tensor, motion: Tensor, corners: Tensor, batch: Tensor, x: Tensor, y: Tensor) -> Tensor:

@@ -1,17 +1,21 @@
-"""Triangle meshes: vertices V, faces, and per-vertex brightness A."""
+"""Triangle meshes, from files and archives: vertices V, faces, and per-vertex brightness A."""
 
 from __future__ import annotations
 
+import json
 import os
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
-from .axes import axes
+from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
 from .mesh_file import Soup, read_soup
 
 Floats = NDArray[np.float64]
@@ -20,7 +24,13 @@ Integers = NDArray[np.int64]
 FLAT = 1e-12
 """Twice the area at or below which a triangle has no area, where the diagonal of the mesh's bounding box is 1."""
 
+FRONTS = {"z": "-y", "y": "+z"}
+"""The axis that the front of CAD models usually looks along, by the axis that points up."""
+
+SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
 _Y_UP = (".obj", ".glb")
+_FORMAT = 1  # of an archive
+_ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,7 +167,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
             [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
     path = Path(path)
-    turned = np.array(axes(up or ("y" if path.suffix.lower() in _Y_UP else "z"), front), dtype=np.float64)
+    turned = axes(up or ("y" if path.suffix.lower() in _Y_UP else "z"), front).astype(np.float64)
     soup = read_soup(path)
     soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
     try:
@@ -195,3 +205,90 @@ def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
     which = np.empty(len(rows), dtype=np.int64)
     which[order] = np.cumsum(new) - 1
     return order[new], which
+
+
+def axes(up: str, front: str | None = None) -> Integers:
+    """The rotation (3, 3) from a file's frame to the object's, z up and front to -y, row by row.
+
+    Args:
+        up: the axis of the file that points up: x, y or z, with a sign or without.
+        front: the axis that the front looks along; None for that of :data:`FRONTS`.
+
+    Raises:
+        ValueError: there is no such axis, none is usual for ``up``, or the two are along one line.
+
+    >>> from nablahog.render.mesh import axes
+    >>> axes("y", "+z").tolist()
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    """
+    upwards = _axis("up", up)
+    front = FRONTS.get(up.lstrip("+")) if front is None else front
+    if front is None:
+        raise ValueError(f"a model whose up is {up!r} has no usual front: expected front, too, such as '-y'")
+    ahead = _axis("front", front)
+    right = np.cross(upwards, ahead)
+    if not right.any():
+        raise ValueError(f"up and front must be two axes, got {up!r} and {front!r}")
+    return np.stack([right, -ahead, upwards])
+
+
+def _axis(name: str, text: str) -> Integers:
+    match = re.fullmatch(r"([+-]?)([xyz])", text)
+    if match is None:
+        raise ValueError(f"{name} must be one of x, y and z, with a sign or without, got {text!r}")
+    sign = -1 if match[1] == "-" else 1
+    return np.array([sign * (axis == match[2]) for axis in "xyz"])
+
+
+def sample_chairs() -> dict[str, Mesh]:
+    """40 chairs of fifteen kinds by name: models to search among where no others are given.
+
+    They are procedural, made by ``examples/chairs``, and under the licence of the package.
+
+    Returns:
+        Normalised meshes in the object's frame (z up, front to -y) of closed solids, which overlap where they meet; the
+        same objects each time.  A name is the kind and a number, as ``"swivel-2"``.  Stools have no back, and look the
+        same from several sides.
+
+    >>> chairs = nablahog.sample_chairs()
+    >>> len(chairs), list(chairs)[:2]
+    (40, ['wooden-0', 'wooden-1'])
+    >>> mesh = chairs["swivel-2"]
+    >>> round(float((mesh.vertices.amax(0) - mesh.vertices.amin(0)).norm()), 5)  # the diagonal of its bounding box
+    1.0
+    """
+    return dict(load_meshes(SAMPLE_CHAIRS))
+
+
+@lru_cache
+def load_meshes(path: Path) -> dict[str, Mesh]:
+    """The meshes by name that :func:`save_meshes` wrote, read once.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no such archive, or is damaged.
+    """
+    arrays = read_arrays(path, "mesh archive", _ARRAYS)
+    with naming(path):
+        check_format(arrays, "mesh archive", _FORMAT)
+        ends = arrays["ends"].astype(np.int64)
+        numbers = zip(*(np.split(arrays[name], ends[:-1, k]) for k, name in enumerate(_ARRAYS[3:])), strict=True)
+        meshes = (Mesh(v.astype(np.float64), f.astype(np.int64), b.astype(np.float64)) for v, f, b in numbers)
+        return dict(zip(json.loads(text(arrays, "names")), meshes, strict=True))
+
+
+def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype: DTypeLike = np.float32) -> None:
+    """Writes meshes to an .npz archive: vertices and brightness in ``dtype``, faces in 16 bits.
+
+    Raises:
+        OSError: the file cannot be written.
+        OverflowError: a mesh has more than 65,536 vertices.
+    """
+    each = [(mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()]
+    if any(len(vertices) > 2**16 for vertices, _, _ in each):
+        raise OverflowError("expected meshes of at most 65,536 vertices")
+    dtypes = (dtype, np.uint16, dtype)
+    whole = [np.concatenate(parts).astype(of) for parts, of in zip(zip(*each, strict=True), dtypes, strict=True)]
+    ends = np.cumsum([[len(part) for part in parts] for parts in each], axis=0)
+    arrays = {"names": json.dumps(list(meshes)), "ends": ends, **dict(zip(_ARRAYS[3:], whole, strict=True))}
+    write_arrays(path, _FORMAT, arrays, compressed=True)

@@ -49,13 +49,13 @@ def repair(data: bytes, kind: str) -> bytes:
 
     Args:
         data: the file.
-        kind: OFF, OBJ, PLY, STL or GLB.
+        kind: OBJ, PLY, STL or GLB.
 
     Raises:
         ValueError: it is damaged, uses an unsupported extension, or exceeds a limit.
         Exception: any other, from parsing a damaged file.
     """
-    by_kind: dict[str, Callable[[bytes], bytes]] = {"OFF": _off, "OBJ": _obj, "PLY": _ply, "STL": _stl, "GLB": _glb}
+    by_kind: dict[str, Callable[[bytes], bytes]] = {"OBJ": _obj, "PLY": _ply, "STL": _stl, "GLB": _glb}
     return by_kind[kind](data)
 
 
@@ -66,47 +66,6 @@ def as_utf8(text: bytes) -> bytes:
     except UnicodeDecodeError:
         return text.decode("latin-1").encode("utf-8")
     return text
-
-
-def is_coff(data: bytes) -> bool:
-    """Whether an OFF file has a colour on each vertex's line."""
-    lines = (line.strip() for line in io.BytesIO(data))
-    return next((line for line in lines if line and not line.startswith(b"#")), b"").startswith(b"COFF")
-
-
-def off_lines(data: bytes) -> tuple[int, list[str]]:
-    """The number of vertices of an OFF file, and the lines of its vertices, followed by those of its faces.
-
-    Raises:
-        ValueError: it is no such file, or lines are missing.
-    """
-    all_lines = (line.partition("#")[0].strip() for line in io.StringIO(data.decode("utf-8"), newline=None))
-    lines = [line for line in all_lines if line]
-    keyword, *numbers = lines[0].split(maxsplit=1) if lines else [""]
-    counts, *body = [*numbers, *lines[1:]] or [""]
-    if keyword not in ("OFF", "COFF") or len(counts.split()) < 2:
-        raise ValueError("it does not begin with OFF or COFF and the numbers of vertices and faces")
-    vertices, faces = (int(count) for count in counts.split()[:2])
-    if vertices < 0 or faces < 0 or len(body) < vertices + faces:
-        promised = f"{vertices:,} vertices and {faces:,} faces"
-        raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(body):,} lines of them")
-    last = body[vertices + faces - 1].split() if faces else ["0"]
-    if len(last) <= int(last[0]):
-        raise ValueError(f"its last face should have {last[0]} corners, and has {len(last) - 1}")
-    return vertices, body[: vertices + faces]
-
-
-def _off(data: bytes) -> bytes:
-    """Triangulates polygons if some have more than four corners, which trimesh refuses."""
-    text = as_utf8(data)
-    vertices, lines = off_lines(text)
-    if any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
-        corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
-        # as numbers: a long text would be repeated for each triangle
-        polygons = [[np.int64(corner) for corner in others[:count]] for count, others in corners if count >= 3]
-        lines[vertices:] = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
-    keyword = "COFF" if is_coff(text) else "OFF"
-    return "\n".join([keyword, f"{vertices} {len(lines) - vertices} 0", *lines, ""]).encode()
 
 
 def _obj(data: bytes) -> bytes:
@@ -248,32 +207,25 @@ def _glb(data: bytes) -> bytes:
     for name in header.get("extensionsRequired", ()):
         if name in _ENCODED:
             raise ValueError(f"it needs the extension {name}, which is not supported")
-    for buffer in header.get("buffers", ()):
-        if not buffer.get("uri", "data:").startswith("data:"):
-            raise ValueError(
-                f"it needs the file {buffer['uri'][:200]!r}, and only GLB files that need no other are read"
-            )
+    for uri in (buffer.get("uri", "data:") for buffer in header.get("buffers", ())):
+        if not uri.startswith("data:"):
+            raise ValueError(f"it needs the file {uri[:200]!r}, and only GLB files that need no other are read")
     _check_sizes(header, len(data))
     _check_tree(header.get("nodes", ()))
-    plain = {name: _only(header[name], keys) for name, keys in _GLB_PARTS.items() if name in header}
+    given = {name: keys for name, keys in _GLB_PARTS.items() if name in header}
+    plain = {name: _only(header[name], keys) if keys else header[name] for name, keys in given.items()}
     for mesh in plain.get("meshes", ()):
         mesh["primitives"] = _only(mesh["primitives"], _PRIMITIVE)
     if "materials" in header:
         plain["materials"] = [_plain_material(material) for material in header["materials"]]
-    text = json.dumps(plain).encode()
-    rest = data[end:]
-    return b"".join([data[:8], _word(20 + len(text) + len(rest)), _word(len(text)), data[16:20], text, rest])
+    text, rest = json.dumps(plain).encode(), data[end:]
+    lengths = [number.to_bytes(4, "little") for number in (20 + len(text) + len(rest), len(text))]
+    return b"".join([data[:8], *lengths, data[16:20], text, rest])
 
 
-def _only(entries: Any, keys: Collection[str] | None) -> Any:
+def _only(entries: Any, keys: Collection[str]) -> Any:
     """The entries without what is not under one of the keys."""
-    if keys is None:
-        return entries
     return [{key: value for key, value in entry.items() if key in keys} for entry in entries]
-
-
-def _word(number: int) -> bytes:
-    return number.to_bytes(4, "little")
 
 
 def _plain_material(material: dict[str, Any]) -> dict[str, Any]:
@@ -283,10 +235,7 @@ def _plain_material(material: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_sizes(header: dict[str, Any], size: int) -> None:
-    """Refuses a header by which a file of ``size`` bytes would unpack to much more.
-
-    Accessors and views may overlap, primitives share accessors, and nodes share meshes.
-    """
+    """Refuses a file of ``size`` bytes that would unpack to much more: views may overlap, and nodes share meshes."""
     nodes, accessors = header.get("nodes", ()), header.get("accessors", ())
     views = sum(_count(view, "byteLength") for view in header.get("bufferViews", ()))
     unpacked = sum(
@@ -296,17 +245,12 @@ def _check_sizes(header: dict[str, Any], size: int) -> None:
     meshes = [_size_of_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
     placed = [meshes[node["mesh"]] for node in nodes if "mesh" in node]
     most_bytes, stored = size + SPARE_BYTES, sum(accessor["count"] for accessor in accessors)
-    for what, number, limit in (
-        ("nodes", len(nodes), MAX_NODES),
-        ("primitives", sum(each[0] for each in meshes), MAX_NODES),
-        ("primitives in its nodes", sum(each[0] for each in placed), MAX_NODES),
-        ("bytes in views", views, most_bytes),
-        ("bytes in accessors", unpacked, most_bytes),
-        ("vertices", sum(each[1] for each in meshes), max(MAX_FACES, stored)),
-        ("vertices in its nodes", sum(each[1] for each in placed), max(MAX_FACES, stored)),
-        ("faces", sum(each[2] for each in meshes), MAX_FACES),
-        ("faces in its nodes", sum(each[2] for each in placed), MAX_FACES),
-    ):
+    limits = [("nodes", len(nodes), MAX_NODES), ("bytes in views", views, most_bytes)]
+    limits += [("bytes in accessors", unpacked, most_bytes)]
+    for where, sizes in (("", meshes), (" in its nodes", placed)):
+        most = {"primitives": MAX_NODES, "vertices": max(MAX_FACES, stored), "faces": MAX_FACES}
+        limits += [(what + where, sum(each[k] for each in sizes), most[what]) for k, what in enumerate(most)]
+    for what, number, limit in limits:
         if number > limit:
             raise ValueError(f"at most {limit:,} {what} are allowed, got {number:,}")
 

@@ -6,6 +6,7 @@ import io
 import logging
 import warnings
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +16,7 @@ from PIL import Image
 
 from ..io.files import check_file
 from ..runtime.text import one_line
-from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, is_coff, off_lines, repair
+from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, repair
 
 if TYPE_CHECKING:  # slow to import
     import trimesh
@@ -73,8 +74,8 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     """The instances of the file's geometries."""
     import trimesh
 
-    data = repair(path.read_bytes(), kind)
-    colours = _off_colours(data) if kind == "OFF" else None
+    data = path.read_bytes()
+    data, colours = _off(data) if kind == "OFF" else (repair(data, kind), None)
     resolver = _beside(path) if kind in ("OBJ", "PLY") else None
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
     places = [scene.graph[node] for node in scene.graph.nodes_geometry]
@@ -207,13 +208,35 @@ def _gray(colours: NDArray[Any]) -> Floats:
     return np.nan_to_num(gray).clip(0, 1)
 
 
-def _off_colours(data: bytes) -> Floats | NDArray[np.uint8] | None:
-    """The vertices' colours, in 0…1 or 0…255, which trimesh ignores."""
-    if not is_coff(data):
-        return None
-    count, lines = off_lines(data)
-    colours = np.array([line.split()[3:6] for line in lines[:count]], dtype=np.float64)
-    return colours if colours.max(initial=0) <= 1 else colours.clip(0, 255).astype(np.uint8)
+def _off(data: bytes) -> tuple[bytes, Floats | NDArray[np.uint8] | None]:
+    """An OFF file whose polygons have at most four corners, as trimesh needs, and its vertices' colours, if any.
+
+    Colours, which trimesh ignores, are in 0…1 or 0…255.
+    """
+    all_lines = (line.partition("#")[0].strip() for line in io.StringIO(as_utf8(data).decode(), newline=None))
+    lines = [line for line in all_lines if line]
+    keyword, *numbers = lines[0].split(maxsplit=1) if lines else [""]
+    counts, *body = [*numbers, *lines[1:]] or [""]
+    if keyword not in ("OFF", "COFF") or len(counts.split()) < 2:
+        raise ValueError("it does not begin with OFF or COFF and the numbers of vertices and faces")
+    vertices, faces = (int(count) for count in counts.split()[:2])
+    if vertices < 0 or faces < 0 or len(body) < vertices + faces:
+        promised = f"{vertices:,} vertices and {faces:,} faces"
+        raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(body):,} lines of them")
+    last = body[vertices + faces - 1].split() if faces else ["0"]
+    if len(last) <= int(last[0]):
+        raise ValueError(f"its last face should have {last[0]} corners, and has {len(last) - 1}")
+    lines = body[: vertices + faces]
+    if any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
+        corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
+        # as numbers: a long text would be repeated for each triangle
+        polygons = [[np.int64(corner) for corner in others[:count]] for count, others in corners if count >= 3]
+        lines[vertices:] = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
+    repaired = "\n".join(["OFF", f"{vertices} {len(lines) - vertices} 0", *lines, ""]).encode()
+    if keyword == "OFF":
+        return repaired, None
+    colours = np.array([line.split()[3:6] for line in lines[:vertices]], dtype=np.float64)
+    return repaired, colours if colours.max(initial=0) <= 1 else colours.clip(0, 255).astype(np.uint8)
 
 
 def _check_ply(geometry: trimesh.Trimesh) -> None:

@@ -1,107 +1,30 @@
 """The rendering in PyTorch, on any device, differentiable in everything; the native loops are tested against it.
 
-Projection, rasterisation and anti-aliasing are modules of their own; clipping and shading are here.
+Its steps: clipping and rasterisation (:mod:`.rasterize`), shading, and, of the two methods, either anti-aliasing
+(:mod:`.edge_gradient`) or OpenDR's approximate derivative, that of the paper's renderer (``opendr/common.py``,
+``opendr/renderer.py``), which is here.
+
+OpenDR's image shows at each sample what its triangle shows, with silhouette edges drawn over it one sample wide.  The
+derivative at a covered sample is minus the image gradient there, times the motion of the sample's triangle.  The image
+gradient is the mean of the one-sided differences that touch no silhouette.  On a silhouette it is twice the central
+difference, because the difference of one boundary spreads over two samples.  Uncovered samples have derivative 0, and
+so has what a silhouette hides.  OpenDR draws silhouettes with OpenGL's lines; here a sample is on a silhouette if an
+edge crosses the half of a link that is next to it.
+
+Source: Loper and Black, OpenDR: An Approximate Differentiable Renderer (ECCV 2014), and its code.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d, pad
 
-from . import edge_gradient, opendr
 from .camera import Camera, to_camera, to_screen
+from .edge_gradient import Crossings, antialias, argmax_at, edge_crossings, silhouette_edges, surface_motion
 from .mesh import Mesh
-from .rasterize import barycentric, normalize_weights, rasterize
-from .topology import Edges
-
-NEAR = 1e-3
-"""Depth of the near plane, as a share of the camera's distance from the object."""
-
-
-class Clipped(NamedTuple):
-    """The part of a mesh in front of the near plane.
-
-    Attributes:
-        points: (V', 3) in the camera frame: the mesh's own, and the new ones on the plane.
-        faces: (F', 3), none of them with a corner behind the plane.
-        brightness: (F', 3), at the corners of each face.
-    """
-
-    points: Tensor
-    faces: Tensor
-    brightness: Tensor
-
-
-def clip(points: Tensor, faces: Tensor, brightness: Tensor, near: float) -> Clipped:
-    """Clips triangles at depth ``near``; differentiable in ``points`` (V, 3) and ``brightness`` (F, 3).
-
-    A triangle with one corner in front stays one triangle, one with two corners in front becomes two.
-    """
-    front = points[:, 2] > near
-    inside = front[faces].sum(1)
-    parts = [(faces[inside == 3], brightness[inside == 3])]
-    new_points = [points]
-    count = len(points)
-    for number in (1, 2):
-        which = (inside == number).nonzero().squeeze(1)
-        # the odd corner, alone in front or alone behind, comes first
-        odd = (front[faces[which]] == (number == 1)).int().argmax(1)
-        order = (odd[:, None] + torch.arange(3, device=faces.device)) % 3
-        corner, bright = faces[which].gather(1, order), brightness[which].gather(1, order)
-        cuts, shades = [], []
-        for other in (1, 2):
-            # from front to back, so that two triangles cut their common edge at the very same point
-            a, b = (0, other) if number == 1 else (other, 0)
-            start, end = points[corner[:, a]], points[corner[:, b]]
-            t = (near - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
-            place = torch.lerp(start[:, :2], end[:, :2], t)
-            new_points.append(torch.cat([place, torch.full_like(t, near)], 1))  # rounding puts none behind the plane
-            cuts.append(count + torch.arange(len(which), device=faces.device))
-            shades.append(torch.lerp(bright[:, a], bright[:, b], t[:, 0]))
-            count += len(which)
-        if number == 1:
-            parts.append((torch.stack([corner[:, 0], *cuts], 1), torch.stack([bright[:, 0], *shades], 1)))
-        else:
-            for triangle, shade in (
-                ((corner[:, 1], corner[:, 2], cuts[0]), (bright[:, 1], bright[:, 2], shades[0])),
-                ((corner[:, 2], cuts[1], cuts[0]), (bright[:, 2], shades[1], shades[0])),
-            ):
-                parts.append((torch.stack(triangle, 1), torch.stack(shade, 1)))
-    return Clipped(torch.cat(new_points), *(torch.cat(part) for part in zip(*parts, strict=True)))
-
-
-def clip_to_view(points: Tensor, faces: Tensor, brightness: Tensor, distance: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Clips a mesh at the near plane of a camera.
-
-    Args:
-        points: (1, V, 3) in the camera frame.
-        faces, brightness: (F, 3), the latter at the corners of each face.
-        distance: (1,), from the camera to the object.
-
-    Returns:
-        Points, faces and brightness of the part in front, in the same form.
-    """
-    near = NEAR * float(distance.detach())
-    if bool((points[..., 2] > near).all()):
-        return points, faces, brightness
-    part = clip(points[0], faces, brightness, near)
-    return part.points[None], part.faces, part.brightness
-
-
-def together(cut: Tensor) -> tuple[list[Tensor], Tensor]:
-    """Groups of views that can be drawn together: all that the near plane does not cut, and each other view alone.
-
-    Args:
-        cut: (B,), whether a view is.
-
-    Returns:
-        The indices of each group, and the position of each view in the concatenated groups, (B,).
-    """
-    whole, alone = (~cut).nonzero().squeeze(1), cut.nonzero().squeeze(1)
-    groups = [group for group in (whole, *torch.split(alone, 1)) if len(group)]
-    return groups, torch.cat(groups).argsort()
+from .rasterize import NEAR, barycentric, clip_to_view, normalize_weights, rasterize, together
+from .surface import Edges
 
 
 def render_torch(
@@ -126,7 +49,7 @@ def render_torch(
         poses, camera, background: the view.
         step: samples of a pixel along a side.
         method: "edges" or "opendr".
-        by_motion: whether four more channels are wanted, the screen gradient of :class:`.rendering.Rendering`.
+        by_motion: whether four more channels are wanted, the screen gradient of :class:`.renderer.Rendering`.
     """
     points, faces = to_camera(mesh.vertices, poses), mesh.faces
     near = (1 - 1e-6) * NEAR * poses.detach()[:, None, 2:3]
@@ -145,15 +68,15 @@ def render_torch(
 
     ids, inverse = rasterize(screen, faces, camera.height * step, camera.width * step)
     samples = _shade(ids, screen, faces, brightness, background.expand(len(poses), -1, -1), step)
-    crossings = edge_gradient.edge_crossings(screen, edges, ids, inverse)
+    crossings = edge_crossings(screen, edges, ids, inverse)
     if method == "opendr":
-        silhouette = edge_gradient.silhouette_edges(screen.detach(), edges)
-        drawn, (inverse, samples, ids) = opendr.draw_silhouettes(crossings, silhouette, inverse, samples, ids)
+        silhouette = silhouette_edges(screen.detach(), edges)
+        drawn, (inverse, samples, ids) = draw_silhouettes(crossings, silhouette, inverse, samples, ids)
 
     def moved_by(motion: Tensor) -> Tensor:
         if method == "edges":
-            return edge_gradient.antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, step)
-        return opendr.resolve(samples, ids, drawn, screen, motion, faces, step)
+            return antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, step)
+        return resolve(samples, ids, drawn, screen, motion, faces, step)
 
     image = moved_by(screen - screen.detach())  # the motion is 0; only its derivative matters
     if not by_motion:
@@ -175,3 +98,55 @@ def _shade(ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, backg
     bright = brightness[face].to(samples)
     first = bright[:, :1]  # keeps a face of one brightness exactly so
     return samples.index_put(place, (first + (weights * (bright[:, 1:] - first)).sum(1, keepdim=True)).squeeze(1))
+
+
+def draw_silhouettes(crossings: Crossings, silhouette: Tensor, *images: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+    """Draws silhouette edges (B, E) one sample wide, with the surface in front, over images (B, H, W) each.
+
+    The first image is 1 / depth.  Returns the samples drawn, (B, H, W), bool, and the images.
+    """
+    crossings = crossings.select(crossings.measured & silhouette[crossings.batch, crossings.edge])
+    batch, row1, col1 = crossings.batch, crossings.row, crossings.col
+    down = crossings.axis == 0
+    row2, col2 = row1 + down.long(), col1 + (~down).long()
+    inverse = images[0]
+    nearer = inverse[batch, row2, col2] > inverse[batch, row1, col1]
+    row, col = torch.where(nearer, row2, row1), torch.where(nearer, col2, col1)
+    after = crossings.at >= 0.5
+    to_row, to_col = torch.where(after, row2, row1), torch.where(after, col2, col1)
+    # where several silhouettes meet in a sample, the nearest is visible
+    sample = (batch * inverse.shape[1] + to_row) * inverse.shape[2] + to_col
+    best = argmax_at(sample, inverse[batch, row, col], inverse.numel())
+    source = batch[best], row[best], col[best]
+    target = batch[best], to_row[best], to_col[best]
+    drawn = torch.zeros_like(inverse, dtype=torch.bool)
+    drawn[target] = True
+    return drawn, tuple(image.index_put(target, image[source]) for image in images)
+
+
+def _slope(samples: Tensor, drawn: Tensor) -> Tensor:
+    """The image gradient along x at each sample, (B, H, W), with silhouettes ``drawn``; see above."""
+    step, usable = samples.diff(dim=2), ~(drawn[..., 1:] | drawn[..., :-1])
+    before, after = pad(step, (1, 0)), pad(step, (0, 1))
+    has_before, has_after = pad(usable, (1, 0)), pad(usable, (0, 1))
+    number = has_before.to(samples.dtype) + has_after.to(samples.dtype)
+    one_sided = torch.where(has_before, before, 0) + torch.where(has_after, after, 0)
+    # the central difference is half of before + after, and counts twice
+    return torch.where(number > 0, one_sided / number.clamp(min=1), before + after)
+
+
+def resolve(
+    samples: Tensor, ids: Tensor, drawn: Tensor, screen: Tensor, motion: Tensor, faces: Tensor, step: int
+) -> Tensor:
+    """Samples (B, H · step, W · step) to pixels (B, H, W): means.
+
+    Differentiable in ``samples`` and linear in ``motion`` as :func:`.edge_gradient.antialias` is.
+    """
+    image = avg_pool2d(samples[:, None], step)[:, 0]
+    still = samples.detach()
+    along_x, along_y = _slope(still, drawn), _slope(still.mT, drawn.mT).mT
+    place = ((ids >= 0) & ((along_x != 0) | (along_y != 0))).nonzero()
+    n, row, col = place.T
+    moved = surface_motion(screen, motion, faces[ids[n, row, col]], n, col + 0.5, row + 0.5)
+    change = -(along_x[n, row, col] * moved[:, 0] + along_y[n, row, col] * moved[:, 1]) / step**2
+    return image.index_put((n, row // step, col // step), change, accumulate=True)

@@ -3,24 +3,44 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, Literal, TypeAlias
+from ctypes import c_bool, c_double, c_int64, c_void_p
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from .camera import Camera, check_poses
+from .. import native
+from ..runtime.pytorch import share_out
+from .camera import Camera, check_poses, pose_jacobian, pose_vjp
 from .mesh import Mesh
 from .pipeline import render_torch
-from .pose_gradient import pose_jacobian, pose_vjp
-from .rendering import Rendering, RigidObject
-from .shading import Light, corner_brightness
-from .topology import Edges, mesh_edges, smoothing_groups
+from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
+
+_FLOATS, _INTEGERS = native.array(np.float32), native.array(np.int32)
+_MESH = _FLOATS, c_int64, _INTEGERS, _FLOATS, c_int64, _INTEGERS, _INTEGERS, _FLOATS, c_int64
+_CAMERA = c_double, c_int64, c_int64, c_int64, c_bool
+_render = native.function("render", *_MESH, *_CAMERA, native.array(np.float64), c_int64, c_int64, _FLOATS, c_void_p)
 
 Method: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4
 LIGHT = Light()
 _ROUNDING = 1e-5  # that a background may leave 0…1 by
+
+
+class Rendering(NamedTuple):
+    """Images, and their derivative by the motion of surfaces on the screen.
+
+    Attributes:
+        image: (B, H, W), float32; where several edges meet in a pixel, it may leave 0…1.
+        screen_gradient: (B, 4, H, W), float32, or (B, 0, H, W) if it was not asked for.  When surfaces at
+            1 / depth = w move by a + b w pixels, the image changes by a_x [0] + b_x [1] + a_y [2] + b_y [3].
+    """
+
+    image: Tensor
+    screen_gradient: Tensor
 
 
 class Renderer:
@@ -33,7 +53,7 @@ class Renderer:
         camera: of all images.
         light: of the scene.
         method: how edges are drawn and differentiated.  ``"edges"``: anti-aliased, with the exact derivative of the
-            covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.opendr`.
+            covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.pipeline`.
         supersampling: samples of a pixel along a side, 1 to 16.  The default is the least with accurate derivatives
             (``benchmarks/rendering.py``); 1 and 2 are several times faster, for searches.
 
@@ -76,7 +96,6 @@ class Renderer:
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)
         self._brightness = corner_brightness(mesh, self._groups, light).detach()
-        self._object = RigidObject(mesh, self._brightness, self.edges)
 
     def with_camera(self, camera: Camera) -> Renderer:
         """The same mesh before another camera; what was prepared of the mesh is shared."""
@@ -90,10 +109,9 @@ class Renderer:
         Differentiable in ``poses``, the mesh's vertices and brightness, and ``background``, in reverse and forward
         mode, and by the transforms of ``torch.func``.
 
-        Two implementations: where only poses are differentiated, :meth:`render` in float32, which can be differentiated
-        once; otherwise PyTorch, :func:`.pipeline.render_torch`.  Their images agree up to rounding, their derivatives
-        by poses up to one or two percent with ``"edges"``: the former takes the motion of the surface in the middle of
-        a pixel for that in the whole pixel.
+        Where only poses are differentiated, this is :meth:`render` in float32, which can be differentiated once;
+        otherwise PyTorch, :func:`.pipeline.render_torch`.  Images agree up to rounding, derivatives by poses up to one
+        or two percent with ``"edges"``: the former moves a whole pixel as the surface in its middle.
 
         Args:
             poses: (B, 6), B at least 1, floating point, see :data:`.camera.PARAMETERS`; computed with in float64.
@@ -112,8 +130,8 @@ class Renderer:
         in_torch = behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu"
         if shape or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
             brightness = corner_brightness(mesh, self._groups, self.light) if shape else self._brightness
-            step, method, view = self.supersampling, self.method, poses.double()
-            image = render_torch(mesh, brightness, self.edges, view, self.camera, behind, step, method)
+            view, camera = poses.double(), self.camera
+            image = render_torch(mesh, brightness, self.edges, view, camera, behind, self.supersampling, self.method)
             return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
         inputs = poses.double(), behind, self, is_differentiated(poses)
         images: Tensor = _PoseRendering.apply(*inputs)[0]  # type: ignore[no-untyped-call]
@@ -128,15 +146,29 @@ class Renderer:
             poses: (B, 6), float64, see :data:`.camera.PARAMETERS`; not checked.
             background: (1 or B, H, W), brightness in 0…1.
             derivative: whether to compute the screen gradient.
-
-        >>> import torch
-        >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
-        >>> renderer, poses = nablahog.Renderer(mesh, camera), nablahog.render.pose(azimuth=30, distance=3)
-        >>> renderer.render(poses, torch.ones(1, 32, 32), derivative=True).screen_gradient.shape
-        torch.Size([1, 4, 32, 32])
         """
-        step, method = self.supersampling, self.method
-        return self._object.render(poses, self.camera, background, step, method, derivative)
+        mesh, camera, step, method = self.mesh, self.camera, self.supersampling, self.method
+        if not native.can_read(poses):
+            how = background.float(), step, method, derivative
+            with torch.no_grad():
+                images = render_torch(mesh, self._brightness, self.edges, poses, camera, *how)
+            return Rendering(images[:, 0].clone(), images[:, 1:].clone())
+        shape = len(poses), camera.height, camera.width
+        # filled by NumPy: PyTorch would wake its own threads, which keep processors busy while they wait
+        image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
+        screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
+        numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None
+        arguments = *self._native_arguments, camera.focal, *shape[1:], step, method == "edges", numbers
+        share_out(lambda first, last: _render(*arguments, first, last, image, pointer), len(poses))
+        return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
+
+    @cached_property
+    def _native_arguments(self) -> tuple[Any, ...]:
+        vertices = self.mesh.vertices.detach().float().contiguous()
+        faces, brightness = self.mesh.faces.int().contiguous(), self._brightness.float().contiguous()
+        ends, kind = self.edges.ends.int().contiguous(), self.edges.kind.int().contiguous()
+        planes = face_planes(self.mesh.vertices.detach().double().numpy(), self.edges)
+        return vertices, len(vertices), faces, brightness, len(faces), ends, kind, planes, len(ends)
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:
         height, width = self.camera.height, self.camera.width
@@ -243,3 +275,26 @@ class _PoseRendering(torch.autograd.Function):
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
         # jacfwd maps over tangents; poses cannot be mapped over, because their numbers are read
         return _PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]
+
+
+def silhouette(mesh: Mesh, poses: Tensor, camera: Camera, *, supersampling: int = SUPERSAMPLING) -> Tensor:
+    """Coverage of each pixel by the object.
+
+    Args:
+        mesh, poses, camera, supersampling: as for :func:`.renderer.render`.
+
+    Returns:
+        (B, 1, H, W) in 0…1, float32; differentiable as an image of :func:`.renderer.render`.
+
+    Raises:
+        ValueError: as :func:`.renderer.render`.
+
+    >>> from nablahog.render import pose, silhouette
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 64, 64)
+    >>> coverage = silhouette(mesh, pose(azimuth=30, distance=3), camera)
+    >>> coverage.shape, float(coverage.max())
+    (torch.Size([1, 1, 64, 64]), 1.0)
+    """
+    white = Mesh(mesh.vertices, mesh.faces, torch.ones_like(mesh.brightness))
+    everywhere = Light(ambient=1.0, diffuse=0.0)
+    return render(white, poses, camera, background=0.0, light=everywhere, supersampling=supersampling)

@@ -31,7 +31,7 @@ from nablahog.paper.baselines.exemplar_views import (
     pyramid,
 )
 from nablahog.pose.background import default_background
-from nablahog.pose.elements import EMPTY
+from nablahog.pose.photograph import EMPTY
 from nablahog.pose.whitening import Background
 from nablahog.render import Camera, Mesh, Renderer
 

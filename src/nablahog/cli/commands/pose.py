@@ -13,7 +13,7 @@ from ...jobs.store import JobResult, do_all
 from ...jobs.worker import cores
 from ...paper.lists import ListedObject, read_objects
 from ...paper.models import Models, read_models
-from ...render.axes import axes
+from ...render.mesh import axes
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, as_json, names, rows, write
 from ..results.pose_job import ObjectJob, PoseOptions

@@ -15,8 +15,7 @@ from ...hog.box import Box
 from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
 from ...pose.crop import FILL, SIDE, ObjectCrop, crop_object
-from ...pose.fit_box import azimuth_sweep
-from ...pose.model import prepared_model
+from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.similarity import Similarity, describe

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from ...hog.box import Box
 from ...pose.crop import ObjectCrop, crop_object
-from ...pose.elements import all_patches
+from ...pose.photograph import all_patches
 from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
 
 Floats = NDArray[np.floating]

@@ -22,7 +22,7 @@ from torch.nn import functional
 from ...hog.descriptor import steps
 from ...hog.presets import aubry
 from ...io.learned_model import TENSOR, Codec, LearnedModel
-from ...pose.elements import all_patches, element_weights, most_discriminative, suppress_overlaps
+from ...pose.photograph import all_patches, element_weights, most_discriminative, suppress_overlaps
 from ...pose.whitening import Background
 from ...render import Camera, Light, Mesh, Renderer, silhouette
 from ...runtime.cache import code_key

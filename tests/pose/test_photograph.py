@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from nablahog.hog import hog, presets
 from nablahog.pose.background import default_background
-from nablahog.pose.elements import EMPTY, Elements, all_patches, elements
+from nablahog.pose.photograph import EMPTY, Elements, all_patches, elements
 from nablahog.pose.whitening import Background
 
 SPEC = presets.aubry(8)
@@ -40,13 +40,6 @@ def descriptor() -> Tensor:
 @pytest.fixture(scope="module")
 def result(descriptor: Tensor, background: Background) -> Elements:
     return elements(descriptor, background, (4, 5), count=None, threshold=1.2)
-
-
-def test_all_patches() -> None:
-    descriptor = torch.rand(6, 7, 9)
-    patches = all_patches(descriptor, (2, 3))
-    assert patches.shape == (5, 5, 2, 3, 9)
-    assert torch.equal(patches[3, 4], descriptor[3:5, 4:7])
 
 
 def test_they_are_patches_of_the_descriptor(result: Elements, descriptor: Tensor, background: Background) -> None:

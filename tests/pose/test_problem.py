@@ -1,24 +1,29 @@
-"""An estimate as a matrix, in the units of the model's file, for a camera that is known or not."""
+"""What a search answers, as a matrix and in the model's units, and penalties of what photographs seldom show."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog.box import Box
-from nablahog.pose import PoseEstimate
-from nablahog.pose.crop import crop_object
+from nablahog.pose import PoseEstimate, best_search
+from nablahog.pose.best_search import BestSearch
+from nablahog.pose.crop import crop_object, typical_camera
+from nablahog.pose.model import prepared_model
+from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.pose.problem import SMALL, STEEP, TURNED, PoseProblem, view_penalty
+from nablahog.pose.similarity import Similarity
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.rigid import moved_before, pose_matrix
+from nablahog.render.conventions import moved_before, pose_matrix
 
-from .common import model
+from ..render.shapes import by_opencv
+from .common import box_around, model
 
 CAMERA = Camera(250.0, 120, 160)
 TETRAHEDRON = np.array([[10.0, 20, 30], [310, 20, 30], [10, 420, 30], [10, 20, 1230]])  # millimetres
@@ -34,34 +39,8 @@ def mesh(tmp_path: Path) -> Mesh:
 
 
 def estimate(mesh: Mesh, axis: tuple[float, float] | None = None) -> PoseEstimate:
-    return PoseEstimate(
-        30,
-        10,
-        2.5,
-        4,
-        31,
-        -22.5,
-        CAMERA,
-        "",
-        9.0,
-        "calibrated",
-        torch.zeros(6),
-        100,
-        Box(0, 0, 9, 9),
-        principal_point=axis,
-        from_original=mesh.from_original,
-    )
-
-
-def projected(matrix: Tensor, intrinsics: Tensor, points: Tensor) -> Tensor:
-    seen = (points @ matrix[:3, :3].T + matrix[:3, 3]) @ intrinsics.T
-    return seen[:, :2] / seen[:, 2:]
-
-
-def by_opencv(matrix: Tensor, intrinsics: Tensor, points: Tensor) -> Tensor:
-    turn, _ = cv2.Rodrigues(matrix[:3, :3].numpy())
-    seen, _ = cv2.projectPoints(points.numpy(), turn, matrix[:3, 3].numpy(), intrinsics.numpy(), np.zeros(4))
-    return torch.from_numpy(seen[:, 0])
+    one = PoseEstimate(30, 10, 2.5, 4, 31, -22.5, CAMERA, "", 9.0, "calibrated", torch.zeros(6), 100, Box(0, 0, 9, 9))
+    return replace(one, principal_point=axis, from_original=mesh.from_original)
 
 
 @pytest.mark.parametrize("axis", [None, (75.0, 61.0)])
@@ -75,8 +54,7 @@ def test_the_matrix_maps_points_of_the_file_to_where_they_are_drawn(
     assert_close(points @ mesh.from_original[:3, :3].T + mesh.from_original[:3, 3], mesh.vertices)
     moved, poses, camera = one.render_arguments(mesh)
     drawn = to_screen(to_camera(moved.vertices, poses), poses, camera)[0, :, :2]
-    assert_close(projected(one.matrix(), one.intrinsics, points), drawn, rtol=0, atol=1e-9)
-    assert_close(by_opencv(one.matrix(), one.intrinsics, points), drawn, rtol=0, atol=1e-9)
+    assert_close(by_opencv(points, one.matrix(), one.intrinsics), drawn, rtol=0, atol=1e-9)
     assert (moved is mesh) == (axis is None)
 
 
@@ -111,12 +89,11 @@ def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None
     axis, focal = (325.0, 236.0), 420.0
     intrinsics = torch.tensor([[focal, 0, axis[0]], [0, focal, axis[1]], [0, 0, 1]], dtype=torch.float64)
     photograph = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
-    rows, cols = (photograph[0] < 1).nonzero().unbind(1)
-    box = Box(float(cols.min()), float(rows.min()), float(cols.max() + 1), float(rows.max() + 1))
+    box = box_around(photograph[0] < 1)
     crop = crop_object(photograph, box, focal=focal, axis=axis)
     # what the camera sees that is turned to the object's origin
-    turned = crop.view.turn @ matrix[:3, :3]
-    place = crop.view.turn @ matrix[:3, 3]
+    turned = crop.turn @ matrix[:3, :3]
+    place = crop.turn @ matrix[:3, 3]
     seen = torch.eye(4, dtype=torch.float64)
     seen[:3, :3], seen[:3, 3] = turned, place
     of_crop = torch.tensor([[crop.camera.focal, 0, 64], [0, crop.camera.focal, 64], [0, 0, 1]], dtype=torch.float64)
@@ -125,3 +102,58 @@ def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None
     assert max(crop.size) == pytest.approx(112)
     plain = crop_object(photograph, box, focal=focal)
     assert float((plain.image[0] - expected).abs().mean()) > 0.03
+
+
+IMAGE = torch.rand(1, 120, 160, generator=torch.Generator().manual_seed(0))
+BOX = (40.0, 20.0, 120.0, 100.0)  # half of the photograph's longer side
+
+
+def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) -> PoseProblem:
+    return PoseProblem(
+        IMAGE,
+        PreparedPhotograph(crop_object(IMAGE, BOX)),
+        Box.of(BOX),
+        () if boxes else None,
+        {"": prepared_model(model(), typical_camera())},
+        initial,
+    )
+
+
+def test_steep_and_tilted_views_have_a_penalty_usual_ones_none() -> None:
+    penalties = view_penalty(torch.tensor([0.0, 40, 60, -15]), torch.tensor([0.0, 0, 10, 0]))
+    assert penalties.tolist() == pytest.approx([0, 0, 20 * STEEP + 10 * TURNED, 5 * STEEP])
+
+
+def test_a_pose_that_is_given_has_no_penalty() -> None:
+    poses = torch.tensor([[0.0, 80, 3, 30, 0, 0]], dtype=torch.float64)
+    given, unknown = problem(initial=(0.0, 80.0)), problem()
+    assert float(given.penalty(poses, given.photograph)) == 0
+    assert float(unknown.penalty(poses, unknown.photograph)) == pytest.approx(40 * STEEP + 30 * TURNED)
+
+
+def test_an_object_anywhere_loses_with_each_halving_of_its_size() -> None:
+    anywhere = problem(boxes=True, initial=(0.0, 10.0))
+    level = torch.tensor([[0.0, 10, 3, 0, 0, 0]], dtype=torch.float64)
+    assert float(anywhere.penalty(level, anywhere.photograph)) == pytest.approx(SMALL)
+    assert float(anywhere.penalty(level, anywhere.cropped((0, 0, 160, 120)))) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_best_view_is_searched_however_bad_it_is() -> None:
+    search = BestSearch(problem(initial=(0.0, 10.0)))
+    (view,) = search.look_around()[:1]
+    bad = view.moved(view.pose, -1.0, -1.0)
+    assert search.promising([bad, view.moved(view.pose, -5.0, -5.0)]) == [bad]
+
+
+def test_there_may_be_no_views_elsewhere() -> None:
+    search = BestSearch(problem(initial=(0.0, 10.0)))
+    assert search.tilt_each(search.promising([])) == []
+
+
+def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(best_search, "view_descriptors", lambda *_: torch.zeros(48, 9, 16, 16))
+    monkeypatch.setattr(Similarity, "values", lambda self, poses: torch.zeros(len(poses), dtype=torch.float64))
+    search = BestSearch(problem())
+    views = search.look_around()
+    assert {float(view.pose[1]) for view in views} <= {0.0, 15.0, 30.0}
+    assert all(view.pose[3] == 0 for view in search.tilt_each(views))

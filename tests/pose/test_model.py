@@ -1,12 +1,12 @@
-"""What is prepared for a photograph and a model, and kept: templates, renderers, views, and equal views."""
+"""Models and photographs: poses that fill a box, what is prepared of them, and views that look the same."""
 
 from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
 import pytest
 import torch
+from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import presets
@@ -14,20 +14,114 @@ from nablahog.hog.box import Box
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import default_background, pose_spec
 from nablahog.pose.crop import FILL, ObjectCrop, crop_object, typical_camera
-from nablahog.pose.fit_box import VIEW_COUNT, equidistant_azimuths, fit_to_box, level_poses
 from nablahog.pose.model import (
     DETAIL,
     ELEVATION_STEP,
+    VIEW_COUNT,
     PreparedModel,
+    azimuth_distance,
+    equidistant_azimuths,
     equivalent_azimuths,
+    fit_to_box,
+    hull,
+    level_poses,
+    local_maxima,
     prepared_model,
     view_descriptors,
 )
 from nablahog.pose.photograph import ELEMENT, ELEMENTS, PreparedPhotograph
 from nablahog.pose.similarity import describe
 from nablahog.render import Camera, Mesh
+from nablahog.render.camera import to_camera, to_screen
 
+from ..chairs import chair
+from ..render.shapes import box as cuboid
+from ..render.shapes import cylinder
 from .common import columns, degrees_between, model, photographed
+
+CAMERA = Camera(400.0, 128, 160)
+
+
+def around(points: Tensor, poses: Tensor) -> tuple[Tensor, Tensor]:
+    """The corners (B, 2) of the boxes around the points' projections."""
+    screen = to_screen(to_camera(points, poses), poses, CAMERA)[..., :2]
+    return screen.amin(1), screen.amax(1)
+
+
+def views() -> Tensor:
+    azimuths = torch.arange(0.0, 360, 40, dtype=torch.float64)
+    poses = torch.tensor([0.0, 25, 3, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
+    poses[:, 0] = azimuths
+    poses[:, 3] = torch.linspace(-10, 10, len(azimuths))
+    poses[:, 4:] = torch.rand(len(azimuths), 2, dtype=torch.float64) * 20
+    return poses
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return chair(2)
+
+
+def test_the_hull_decides_the_box(mesh: Mesh) -> None:
+    points, poses = hull(mesh), views()
+    assert len(points) < len(mesh.vertices) / 2
+    for few, all_of_them in zip(around(points, poses), around(mesh.vertices, poses), strict=True):
+        assert_close(few, all_of_them)
+
+
+@pytest.mark.parametrize("size", [(112.0, 60.0), (30.0, 80.0), (10.0, 10.0)])
+def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, float]) -> None:
+    poses = views()
+    before = poses.clone()
+    placed = fit_to_box(poses, hull(mesh), CAMERA, size)
+    assert torch.equal(poses, before)
+    assert torch.equal(placed[:, [0, 1, 3]], before[:, [0, 1, 3]])
+    low, high = around(mesh.vertices, placed)
+    assert_close((high - low).prod(1), torch.full_like(low[:, 0], size[0] * size[1]), rtol=0.005, atol=0)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
+
+
+def test_the_longer_side_is_the_one_given(mesh: Mesh) -> None:
+    poses = fit_to_box(level_poses(torch.arange(0.0, 360, 40), 25), hull(mesh), CAMERA, 90.0)
+    low, high = around(mesh.vertices, poses)
+    assert_close((high - low).amax(1), torch.full_like(low[:, 0], 90), rtol=0.005, atol=0)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
+
+
+def test_it_comes_no_closer_than_a_diagonal(mesh: Mesh) -> None:
+    placed = fit_to_box(views(), hull(mesh), CAMERA, (2000.0, 2000.0))
+    assert (placed[:, 2] == 1).all()
+    low, high = around(mesh.vertices, placed)
+    assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double())
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_of_flat_meshes_all_corners_count(corners: int) -> None:
+    vertices = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, 1]], dtype=torch.float64)[:corners]
+    flat = Mesh(vertices, torch.tensor([[0, 1, 2]]), torch.ones(corners, dtype=torch.float64)).normalized()
+    half = 0.5**1.5
+    assert_close(hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
+    edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
+    assert torch.isfinite(fit_to_box(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()
+
+
+def test_distances_go_round() -> None:
+    assert azimuth_distance(350, 20) == azimuth_distance(20, 350) == azimuth_distance(380, -10) == 30
+    assert azimuth_distance(0, 180) == 180
+
+
+@pytest.mark.parametrize(
+    ("values", "count", "expected"),
+    [
+        ([1, 5, 2, 3, 9, 0, 4, 3], 9, [4, 1, 6]),
+        ([1, 5, 2, 3, 9, 0, 4, 3], 2, [4, 1]),
+        ([9, 5, 2, 3, 1, 8], 3, [0, 3]),  # the last is beside the first
+        ([0, 1, 2, 3], 3, [3]),
+        ([4], 3, [0]),
+    ],
+)
+def test_local_maxima(values: list[float], count: int, expected: list[int]) -> None:
+    assert local_maxima(torch.tensor(values).double(), count).tolist() == expected
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +181,6 @@ def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> Non
     assert photograph.calibrated.whitener is PreparedPhotograph(crop).calibrated.whitener  # takes longer than the rest
 
 
-def test_another_background_brings_its_descriptor(crop: ObjectCrop) -> None:
-    background = default_background(presets.uoctti(16, colour="gray"), 4)
-    photograph = PreparedPhotograph(crop, background)
-    assert photograph.calibrated.spec is background.spec
-    assert photograph.calibrated.weights.shape == (31, 8, 8)
-
-
 def test_a_model_is_prepared_once_for_a_camera(crop: ObjectCrop) -> None:
     prepared = prepared_model(model(), crop.camera)
     assert prepared_model(model(), crop.camera) is prepared
@@ -128,6 +215,9 @@ def prepared(crop: ObjectCrop) -> PreparedModel:
     return prepared_model(model(), crop.camera)
 
 
+BOTTLE, SLAB = cylinder(32), cuboid((0.8, 0.4, 0.5), 0.6)  # a solid of revolution, and what looks the same from behind
+
+
 def similarities(model: PreparedModel, photograph: PreparedPhotograph, elevation: float) -> torch.Tensor:
     views = view_descriptors(model, elevation)
     return (views.flatten(1) @ photograph.calibrated.weights.flatten()).double()
@@ -151,46 +241,24 @@ def test_elevations_are_those_next_to_the_one_asked_for(prepared: PreparedModel)
         assert torch.isfinite(view_descriptors(prepared, elevation)).all()
 
 
-def bottle(sides: int = 32) -> Mesh:
-    """A solid of revolution."""
-    profile = [(0.0, -0.45), (0.12, -0.45), (0.12, 0.1), (0.04, 0.25), (0.04, 0.45), (0.0, 0.45)]
-    turns = 2 * np.pi * np.arange(sides) / sides
-    rings = [np.stack([r * np.cos(turns), r * np.sin(turns), np.full(sides, z)], 1) for r, z in profile]
-    faces = []
-    for ring in range(len(profile) - 1):
-        for k in range(sides):
-            a, b = ring * sides + k, ring * sides + (k + 1) % sides
-            faces += [[a, b, b + sides], [a, b + sides, a + sides]]
-    vertices = torch.from_numpy(np.concatenate(rings))
-    return Mesh(vertices, torch.tensor(faces), torch.full((len(vertices),), 0.6, dtype=torch.float64))
-
-
-def slab() -> Mesh:
-    """A cuboid, which looks the same from behind."""
-    vertices = torch.cartesian_prod(*(torch.tensor([-side, side]).double() for side in (0.4, 0.2, 0.25)))
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
-    return Mesh(vertices, torch.tensor(faces), torch.full((8,), 0.6, dtype=torch.float64))
-
-
 def test_azimuths_from_which_a_model_looks_the_same() -> None:
     camera = typical_camera()
-    assert len(equivalent_azimuths(prepared_model(bottle(), camera), 10, 15)) == 47
-    assert equivalent_azimuths(prepared_model(slab(), camera), 20, 15) == (200,)
+    assert len(equivalent_azimuths(prepared_model(BOTTLE, camera), 10, 15)) == 47
+    assert equivalent_azimuths(prepared_model(SLAB, camera), 20, 15) == (200,)
     assert equivalent_azimuths(prepared_model(model(), camera), 20, 15) == ()
 
 
 def test_a_bottle_has_any_azimuth() -> None:
-    image, box = photographed(bottle(), 30, 15, behind="coffee")
-    estimate = estimate_pose(image, bottle(), box=box, initial=(0, 15))
+    image, box = photographed(BOTTLE, 30, 15, behind="coffee")
+    estimate = estimate_pose(image, BOTTLE, box=box, initial=(0, 15))
     assert estimate.any_azimuth
     assert estimate.runners_up == ()
     assert "azimuth any" in repr(estimate)
 
 
 def test_the_back_of_a_slab_is_no_other_pose() -> None:
-    image, box = photographed(slab(), 30, 15, behind="coffee")
-    estimate = estimate_pose(image, slab(), box=box, initial=(0, 15))
+    image, box = photographed(SLAB, 30, 15, behind="coffee")
+    estimate = estimate_pose(image, SLAB, box=box, initial=(0, 15))
     assert not estimate.any_azimuth
     (other,) = estimate.equivalent_azimuths
     assert degrees_between(other, estimate.azimuth) == 180

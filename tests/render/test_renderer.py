@@ -15,10 +15,9 @@ from torch import Tensor
 from nablahog import native
 from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian
 from nablahog.render.edge_gradient import GAP, TOUCHING
-from nablahog.render.pipeline import NEAR
-from nablahog.render.renderer import Method
-from nablahog.render.rendering import Rendering
-from nablahog.render.topology import BOUNDARY
+from nablahog.render.rasterize import NEAR
+from nablahog.render.renderer import Method, Rendering
+from nablahog.render.surface import BOUNDARY
 
 from ..chairs import chair
 from .shapes import box, cylinder, joined, poses
