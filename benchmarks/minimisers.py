@@ -29,7 +29,7 @@ from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.priors import RelativeSmoothness
 from nablahog.invert.search import EXPONENT
 from nablahog.invert.start import starting_images
-from nablahog.optimize import Minimiser, minimise
+from nablahog.optimize import MINIMISERS, Minimiser
 from preimages import photographs
 
 SIDE, CELL = 128, 8
@@ -59,7 +59,7 @@ def search(
 
     start = basis.unknowns(starting_images(votes, spec, SIDE, SIDE, 1, seed=0)[:, 0])
     began = time.perf_counter()
-    minimise(name, objective, start, max_evaluations=most, watch=watch)
+    MINIMISERS[name](objective, start, max_evaluations=most, watch=watch)
     return evaluations, seconds, lowest
 
 

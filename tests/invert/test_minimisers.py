@@ -18,7 +18,7 @@ from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.priors import Range, RelativeSmoothness, TotalVariation
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.start import noise
-from nablahog.optimize import Minimiser, Minimum, StopReason, running
+from nablahog.optimize import Minimiser, Minimum, StopReason
 from nablahog.optimize.lbfgs import LbfgsSearch
 
 from ..waiting import WithoutWaiting
@@ -146,7 +146,7 @@ def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch)
         return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
 
     on_cpu, its_images = run()
-    monkeypatch.setattr(running, "dropped_at_once", lambda like: False)
+    monkeypatch.setattr("nablahog.optimize.problems.dropped_at_once", lambda like: False)
     on_device, images_there = run()
     for made in (on_cpu, on_device):
         assert made.evaluations[2] < made.evaluations[:2].min()  # the flat image ends, and others go on
@@ -173,7 +173,7 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(objective, "steps", lambda device, spec: (to_cells, normalize))
     seen, reports = [], []
 
-    def minimise(name: str, problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
+    def minimise(problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
         run = LbfgsSearch(problem, start, 6, 1.0, watch)  # also warms up what is kept on the device
         with WithoutWaiting():
             for _ in range(3):
@@ -182,7 +182,7 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         reason = [StopReason.BUDGET] * len(start)
         return Minimum(run.vectors.x, run.state.values, run.running.evaluations, reason, run.state.values.unsqueeze(0))
 
-    monkeypatch.setattr(search, "minimise", minimise)
+    monkeypatch.setitem(search.MINIMISERS, "lbfgs", minimise)
     made = PreimageSearch(
         descriptor.to("meta"),
         UOCTTI,

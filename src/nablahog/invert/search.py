@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..optimize import History, Minimiser, StopReason, minimise
+from ..optimize import MINIMISERS, History, Minimiser, StopReason
 from .cosine import CosineBasis
 from .flat import FlatRegions
 from .objective import PreimageObjective
@@ -103,8 +103,7 @@ class PreimageSearch:
             closeness,
             keep_images=self.watch is not None,
         )
-        minimum = minimise(
-            self.minimiser,
+        minimum = MINIMISERS[self.minimiser](
             objective,
             self.basis.unknowns(starts.flatten(0, 1)),
             max_evaluations=budget,
