@@ -22,13 +22,10 @@ import torch
 from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.invert.cosine import CosineBasis
-from nablahog.invert.flat import FlatRegions
-from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.objective import PreimageObjective
+from nablahog.invert.histograms import recover_histograms, starting_images
 from nablahog.invert.priors import RelativeSmoothness
-from nablahog.invert.search import EXPONENT
-from nablahog.invert.start import starting_images
+from nablahog.invert.search import EXPONENT, PreimageObjective
+from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser
 from preimages import photographs
 

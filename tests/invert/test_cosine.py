@@ -9,7 +9,7 @@ import scipy.fft
 import torch
 from torch import Tensor
 
-from nablahog.invert.cosine import CosineBasis, cosines, from_cosines, low_pass, to_cosines
+from nablahog.invert.unknowns import CosineBasis, cosines, from_cosines, low_pass, to_cosines
 
 LIKE = torch.zeros(1, dtype=torch.float64)
 CPU = torch.device("cpu")

@@ -7,7 +7,7 @@ import torch
 
 from nablahog import native
 from nablahog.hog import hog, presets
-from nablahog.invert.flat import FlatRegions
+from nablahog.invert.unknowns import FlatRegions
 
 from .photographs import photograph
 

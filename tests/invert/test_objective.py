@@ -11,11 +11,10 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets
-from nablahog.invert.cosine import CosineBasis
-from nablahog.invert.flat import FlatRegions
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.priors import Prior, Range, RelativeSmoothness, TotalVariation
+from nablahog.invert.search import PreimageObjective
+from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import LeastSquares
 from nablahog.optimize.gauss_newton import GraphJacobian
 

@@ -17,13 +17,12 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Iterate, Objective, Search
-from nablahog.invert.cosine import low_pass
-from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.options import quality_of
+from nablahog.invert.arguments import quality_of
+from nablahog.invert.histograms import at_contrast, recover_histograms
+from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.priors import TotalVariation
 from nablahog.invert.signs import negated, negatives
-from nablahog.invert.single_scale import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
-from nablahog.invert.start import at_contrast
+from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation
 
 from .photographs import photograph

@@ -9,8 +9,8 @@ from torch import Tensor
 from nablahog.hog import HOGSpec, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
+from nablahog.invert.histograms import at_contrast, in_pairs, integrate, mean_gradient, noise, starting_images
 from nablahog.invert.reconstruction import to_unit_range
-from nablahog.invert.start import at_contrast, in_pairs, integrate, mean_gradient, noise, starting_images
 
 from .photographs import photograph
 

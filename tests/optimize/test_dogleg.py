@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import hog, presets
-from nablahog.invert.flat import FlatRegions
-from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.priors import RelativeSmoothness
+from nablahog.invert.search import PreimageObjective
+from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import Jacobian, StopReason, dogleg
 from nablahog.optimize.gauss_newton import GraphJacobian, NewtonSteps, newton_steps
 

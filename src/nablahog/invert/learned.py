@@ -16,12 +16,10 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
 from ..io.network_weights import check_weights, with_weights
-from .checks import check_descriptor
-from .histograms import searchable
-from .prior_network import Architecture, PriorNetwork
+from .arguments import check_descriptor
+from .histograms import at_contrast, searchable
+from .prior_network import Architecture, PriorNetwork, SignedNetwork
 from .provenance import NetworkLearning
-from .signed_network import SignedNetwork
-from .start import at_contrast
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md

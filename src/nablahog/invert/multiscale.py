@@ -21,17 +21,24 @@ from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .arguments import (
+    AsPublished,
+    Objective,
+    Search,
+    as_published,
+    check_descriptor,
+    check_images,
+    descriptors_as_tensor,
+    quality_of,
+)
 from .choices import InversionMethod
-from .histograms import recover_histograms, searchable
+from .histograms import enlarge, recover_histograms, searchable, starting_images
 from .learned import PriorChoice, Priors, as_priors
-from .options import AsPublished, Objective, Search, as_published, quality_of
+from .preimage import search_preimages
 from .priors import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
 from .signs import negated, negatives
-from .single_scale import search_preimages
-from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
 COARSER_WEIGHT = 0.1  # of the distance at each scale before, relative to that at the level's own

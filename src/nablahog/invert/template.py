@@ -17,9 +17,8 @@ from ..hog.inputs import Descriptors, to_array
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from .checks import check_finite, descriptors_as_tensor
+from .arguments import Objective, Search, check_finite, descriptors_as_tensor
 from .histograms import at_nominal_contrast, searchable
-from .options import Objective, Search
 from .preimage import reconstruct
 from .reconstruction import Reconstruction, of_the_kind, relative_distance, share_of, to_unit_range
 

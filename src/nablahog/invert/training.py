@@ -26,9 +26,7 @@ from .histograms import searchable
 from .learned import LearnedPrior, network_class
 from .prior_network import Architecture
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
-from .signed_training import SignedTraining
-from .training_windows import WindowTraining
-from .unsigned_training import UnsignedTraining
+from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0  # norm
@@ -64,8 +62,8 @@ def train_prior(
 ) -> LearnedPrior:
     """Trains a network on photographs to predict the image to expect for a descriptor.
 
-    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel
-    (:mod:`.signed_training`), for unsigned ones their regions, and their polarity (:mod:`.unsigned_training`).  A prior
+    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel, for
+    unsigned ones their regions, and their polarity (:mod:`.training_windows`).  A prior
     for one signed dialect is for all signed dialects; the same holds for unsigned ones.  One image in 25, in the order
     of their names, is held out.
 

@@ -29,7 +29,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...invert.checks import check_finite, check_floats
+from ...invert.arguments import check_finite, check_floats
 from ...invert.provenance import Learning
 from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, LearnedModel, account, check_tensor, integers, tensor

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from ...invert.checks import check_finite, check_floats
+from ...invert.arguments import check_finite, check_floats
 from ...invert.reconstruction import Reconstruction
 
 LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
