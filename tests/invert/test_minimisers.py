@@ -14,7 +14,7 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.invert import Objective, Search, preimage, search
 from nablahog.invert.histograms import noise, recover_histograms
-from nablahog.invert.priors import Range, RelativeSmoothness, TotalVariation
+from nablahog.invert.priors import Range, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import Minimiser, Minimum, StopReason
@@ -134,7 +134,7 @@ def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> No
 
     without = variation(Objective(smoothness=0))
     assert variation(Objective(smoothness=0.3)) < without
-    assert variation(Objective(smoothness=0, priors=[TotalVariation(1e-2)])) < without
+    assert variation(Objective(smoothness=0, priors=[RelativeSmoothness(0.3)])) < without
 
 
 # --- on a device: rounds that wait for nothing, results that are those of a CPU

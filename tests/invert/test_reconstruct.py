@@ -20,7 +20,7 @@ from nablahog.invert import AsPublished, Iterate, Objective, Search
 from nablahog.invert.arguments import quality_of
 from nablahog.invert.histograms import at_contrast, recover_histograms
 from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
-from nablahog.invert.priors import TotalVariation
+from nablahog.invert.priors import Range
 from nablahog.invert.signs import negated, negatives
 from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation
@@ -265,7 +265,7 @@ def test_refused_input(descriptor: Tensor, spec: str, options: Any, error: type[
         (Objective, {"smoothness": -1.0}, "smoothness must be a finite number of at least 0"),
         (Objective, {"closeness": float("nan")}, "closeness must be a finite number"),
         (Objective, {"priors": [0.1]}, "priors must be a list of priors"),
-        (Objective, {"priors": TotalVariation(0.1)}, "priors must be a list of priors"),
+        (Objective, {"priors": Range(0.1)}, "priors must be a list of priors"),
         (AsPublished, {"smoothness": 0.0}, "smoothness must be a finite number above 0"),
         (AsPublished, {"iterations": 0}, "iterations must be at least 1"),
         (AsPublished, {"max_evaluations": 1}, "max_evaluations must be at least 2"),

@@ -21,11 +21,7 @@ LARGEST_ENTRY = 1e6  # far above any descriptor of an image, and small enough th
 
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
-    """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one.
-
-    Raises:
-        TypeError: it is neither a tensor nor an array.
-    """
+    """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one."""
     if isinstance(descriptor, Tensor):
         return descriptor
     tensor = descriptor_tensor("the descriptor", descriptor)
@@ -46,11 +42,7 @@ def check_finite(name: str, tensor: Tensor) -> None:
 
 
 def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
-    """Height and width of the image, after checking that descriptor, spec and image size agree.
-
-    Raises:
-        TypeError, ValueError: as :func:`.preimage.reconstruct`.
-    """
+    """Height and width of the image, after checking that descriptor, spec and image size agree."""
     check_floats("the descriptor", descriptor)
     if descriptor.dim() != 4 or not len(descriptor):
         raise ValueError(
@@ -74,11 +66,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
 def check_images(
     name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
 ) -> Tensor | None:
-    """``images``, their roots where the dialect describes these, in the descriptor's dtype and on its device, or None.
-
-    Raises:
-        TypeError, ValueError: as :func:`.preimage.reconstruct`.
-    """
+    """``images``, or their roots where the dialect describes these, in the descriptor's dtype and on its device."""
     if images is None:
         return None
     if not isinstance(images, Tensor):
@@ -94,19 +82,12 @@ def check_images(
 
 
 class Quality(NamedTuple):
-    """The budget of a search.
-
-    Attributes:
-        evaluations: of the operator, where several samples are drawn.
-        without_samples: of the operator, where none are drawn.
-        samples: images with the same histograms, whose mean is the expected image.
-        on_histograms: evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel.
-    """
+    """The budget of a search: evaluations of the operator, with several samples or without; how many samples."""
 
     evaluations: int
     without_samples: int
     samples: int
-    on_histograms: int
+    on_histograms: int  # evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel
 
 
 QUALITIES: dict[QualityName, Quality] = {
@@ -116,11 +97,6 @@ QUALITIES: dict[QualityName, Quality] = {
 
 
 def quality_of(name: QualityName) -> Quality:
-    """The budget of that name.
-
-    Raises:
-        ValueError: there is no quality of that name.
-    """
     check_choice("quality", name, QualityName)
     return QUALITIES[name]
 
@@ -174,9 +150,12 @@ class Objective:
         TypeError: ``priors`` are no priors.
 
     >>> from nablahog.invert import Objective
-    >>> from nablahog.invert.priors import TotalVariation
+    >>> from nablahog.invert.priors import Prior
+    >>> class Squares(Prior):
+    ...     def terms(self, image):
+    ...         return image.diff(dim=3).flatten(1)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
-    >>> objective = Objective(smoothness=0.1, priors=[TotalVariation(1e-3)])
+    >>> objective = Objective(smoothness=0.1, priors=[Squares(1e-3)])
     >>> nablahog.reconstruct(descriptor, "uoctti", objective=objective, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
@@ -236,15 +215,7 @@ class AsPublished:
 
 
 def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:
-    """The options of the paper's search; None for the default method.
-
-    Args:
-        method: of the reconstruction.
-        options: those that only the default method takes: each value with its default.
-
-    Raises:
-        ValueError: there is no such method, or the paper's search is given an option of the default method.
-    """
+    """The options of the paper's search, which takes none of ``options``, each with its default; None for the other."""
     if not isinstance(method, AsPublished):
         check_choice("method", method, InversionMethod)
         if method == "default":

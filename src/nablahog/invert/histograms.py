@@ -61,17 +61,10 @@ def searchable(spec: HOGSpec) -> HOGSpec:
 def recover_histograms(
     descriptor: Tensor, spec: HOGSpec, size: tuple[int, int] | None = None, *, max_evaluations: int = 200
 ) -> Tensor:
-    """Cell histograms whose normalisation is the descriptor.
+    """Cell histograms (B, colours · bins, rows, cols), in votes, whose normalisation is the descriptor.
 
-    Args:
-        descriptor: (B, rows, cols, channels).
-        spec: its dialect, as :func:`searchable` gives it.
-        size: (height, width) of the image; by default whole cells.
-        max_evaluations: of a normaliser that is inverted iteratively; they cost time per cell, not per pixel.
-
-    Returns:
-        (B, colours · bins, rows, cols) of cells, in votes.  Their common scale is the original's if the spec fixes the
-        contrast; else the mean vote of a pixel is set to that of an ordinary photograph.
+    ``spec`` is as :func:`searchable` gives it.  The common scale is the original's if it fixes the contrast; else the
+    mean vote of a pixel is set to that of an ordinary photograph.
     """
     size = size or spec.image_size(*descriptor.shape[1:3])
     each = split_colours(descriptor, spec)
@@ -144,13 +137,8 @@ def cells_in_bins(
 ) -> Tensor:
     """Histograms (B, colours · spec.bins, rows, cols) to other bins of cells side by side, (B, bins, R, C).
 
-    Each vote is shared between the two nearest bins.
-
-    Args:
-        votes, spec, size: as of :func:`of_one_colour`.
-        bins: of the result.
-        first: the centre of bin 0, in bins.
-        period: of the angles, in radians: π for unsigned histograms, 2π for signed ones.
+    Each vote is shared between the two nearest bins; ``first`` is the centre of bin 0, in bins, and ``period`` that of
+    the angles, π or 2π.
     """
     position = torch.from_numpy(bin_angles(spec)) * (bins / period) - first
     below = torch.floor(position + 1e-6)  # keeps a vote on a bin's centre whole

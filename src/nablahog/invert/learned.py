@@ -26,11 +26,7 @@ FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
-    """The class of networks for descriptors of ``spec``.
-
-    Raises:
-        ValueError: such descriptors cannot be inverted.
-    """
+    """The class of networks for descriptors of ``spec``; ValueError if these cannot be inverted."""
     return SignedNetwork if searchable(spec).signed else UnsignedNetwork
 
 
@@ -195,24 +191,14 @@ PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["defaul
 
 
 class Priors(NamedTuple):
-    """The priors of a reconstruction.
-
-    Attributes:
-        own: for its descriptors.
-        details: for signed descriptors, if ``own`` is for unsigned ones: it adds details once the signs are found.
-    """
+    """The prior for a reconstruction's descriptors; if these are unsigned, also one for signed ones, for details."""
 
     own: LearnedPrior
     details: LearnedPrior | None = None
 
 
 def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
-    """The chosen priors for descriptors of ``spec``.
-
-    Raises:
-        TypeError: they are no priors.
-        ValueError, FileNotFoundError: as :func:`default_prior`; a list has no prior for such descriptors, or several.
-    """
+    """The chosen priors for descriptors of ``spec``; ValueError if a list has none for these, or several."""
     if prior is None:
         return None
     if isinstance(prior, LearnedPrior):
@@ -230,11 +216,7 @@ def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
 
 
 def default_prior_file(spec: HOGSpec | str) -> Path | None:
-    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted.
-
-    Raises:
-        ValueError: there is no such preset.
-    """
+    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted."""
     try:
         signed = searchable(as_spec(spec)).signed
     except ValueError:
@@ -267,11 +249,7 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
 
 
 def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
-    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details.
-
-    Raises:
-        ValueError, FileNotFoundError: as :func:`default_prior`.
-    """
+    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details."""
     own = default_prior(spec)
     return [own] if own.signed else [own, default_prior("uoctti")]
 

@@ -61,11 +61,7 @@ class Level(Generic[Values]):
 
 
 def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[HOGSpec, tuple[int, int]]:
-    """The spec and (height, width) of a level.
-
-    Raises:
-        ValueError: √s is no integer, or does not divide the cell and the image into whole pixels.
-    """
+    """The spec and (height, width) of a level; ValueError unless √s divides cell and image into whole pixels."""
     factor = math.isqrt(scale) if scale >= 1 else 0
     if factor < 1 or factor * factor != scale:
         raise ValueError(f"a scale must be a square number of at least 1, got {scale}")
@@ -198,10 +194,8 @@ def reconstruct_multiscale(
         levels.append(Level(step.scale, step.spec, replace(result, seconds=time.perf_counter() - began)))
     if not spec.signed and published is None:
         levels = _fix_polarity(levels, [step.descriptor for step in plan])
-    return [
-        Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
-        for level, descriptor in zip(levels, several, strict=True)
-    ]
+    found = (of_the_kind(level.reconstruction, given) for level, given in zip(levels, several, strict=True))
+    return [Level(level.scale, level.spec, result) for level, result in zip(levels, found, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -226,11 +220,7 @@ def _plan(
     search: Search,
     published: AsPublished | None,
 ) -> list[_Step]:
-    """The inputs of each level; with ``one``, all match one descriptor.
-
-    Raises:
-        TypeError, ValueError: as :func:`reconstruct_multiscale`, before any work.
-    """
+    """The inputs of each level, all checked before any work; with ``one``, all match one descriptor."""
     if not scales or any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(descriptors) != len(scales):

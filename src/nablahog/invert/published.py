@@ -57,21 +57,10 @@ def reconstruct_as_published(
     progress: Callable[[int, int], None] | None = None,
     watch: Watch | None = None,
 ) -> Reconstruction:
-    """Images whose HOG is the given descriptor, by the paper's search.
+    """Images whose HOG is the given descriptor, by the paper's search: as :func:`.preimage.reconstruct`, once checked.
 
-    Args:
-        descriptor: (B, rows, cols, channels), float32 or float64.
-        spec: the dialect that made it.
-        size: (height, width) of the images.
-        options: of the search.
-        seed: of the noise, the same for every image.
-        start: (B, 1, H, W) in 0…1, initial images; by default noise.  Where the descriptor leaves the contrast open,
-            they get the contrast of the noise: against a strong contrast the smoothness would count for more.
-        progress: called with the iterations done and the most there can be.
-        watch: called after each iteration.
-
-    Raises:
-        ValueError: as :func:`.histograms.searchable`.
+    Where the descriptor leaves the contrast open, images ``start`` get the contrast of the noise: against a strong
+    contrast the smoothness would count for more.
     """
     began = time.perf_counter()
     batch, height, width = len(descriptor), *size
@@ -127,7 +116,6 @@ class _Search(Account):
         self.objective = PublishedObjective(descriptor, searchable(dialect), size, smoothness)
 
     def run(self, start: Tensor, progress: Callable[[int, int], None] | None) -> None:
-        """From images (B, 1, H, W) around 0 on."""
         options, self.image = self.options, start
         if options.keep_iterates:
             self.iterates = start.unsqueeze(1).repeat(1, options.iterations + 1, 1, 1, 1)
@@ -171,12 +159,6 @@ class PublishedObjective:
     HOG ignores the brightness: the unknowns are gray values around 0.  A :class:`~nablahog.optimize.Linearizable`
     problem.
 
-    Args:
-        descriptor: (B, rows, cols, channels), φ(I).
-        spec: the dialect.
-        size: (height, width) of the images.
-        smoothness: ξ.
-
     Attributes:
         distance: (B,), ‖φ(I) - φ(Î)‖ / ‖φ(I)‖, at the points evaluated last.
     """
@@ -189,7 +171,6 @@ class PublishedObjective:
         self.histograms, self.normalize = steps(descriptor.device, spec)
 
     def images(self, points: Tensor) -> Tensor:
-        """Points (A, H·W) to images (A, 1, H, W)."""
         return points.reshape(-1, 1, *self.size)
 
     def of_neighbours(self, images: Tensor) -> Tensor:
@@ -207,13 +188,11 @@ class PublishedObjective:
         return value.detach(), gradient
 
     def residuals(self, points: Tensor, index: Tensor) -> Tensor:
-        """Points (A, H·W) to residuals (A, M) whose squares sum to the values."""
         images = self.images(points)
         difference = normalize_reference(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
         return torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1)
 
     def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
-        """J at the points (A, H·W)."""
         return PublishedJacobian(self, points)
 
 
@@ -221,9 +200,6 @@ class PublishedJacobian:
     """The Jacobians of :class:`PublishedObjective` at points (A, H·W), the products of those of its steps.
 
     The jvp of the normaliser is its double vjp, on the cells alone, whose graph is kept.
-
-    Attributes:
-        size: M, the number of residuals.
     """
 
     def __init__(self, objective: PublishedObjective, points: Tensor) -> None:
@@ -243,13 +219,11 @@ class PublishedJacobian:
 
     @torch.no_grad()
     def jvp(self, vectors: Tensor) -> Tensor:
-        """J·v: (A, H·W) to (A, M)."""
         images = self._objective.images(vectors)
         return torch.cat([self._hog_jvp(images).flatten(1), self._objective.of_neighbours(images)], dim=1)
 
     @torch.no_grad()
     def vjp(self, vectors: Tensor) -> Tensor:
-        """Jᵀ·v: (A, M) to (A, H·W)."""
         of_hog, of_neighbours = torch.split(vectors, self._lengths, dim=1)
         grad_descriptor = of_hog.reshape(self._descriptor.shape)
         (grad_cells,) = torch.autograd.grad(self._descriptor, self._leaf, grad_descriptor, retain_graph=True)

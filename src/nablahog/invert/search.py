@@ -39,9 +39,7 @@ class PreimageObjective:
     Args:
         descriptor: (B, rows, cols, channels), φ(I).
         votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
-        spec: the dialect.
-        basis: from unknowns to images.
-        flat: the regions that must be constant.
+        spec, basis, flat: the dialect, the unknowns, and the regions that must be constant.
         priors: added to the distance, of the batch.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Both images are taken without their means, since HOG ignores the brightness.
@@ -83,7 +81,6 @@ class PreimageObjective:
             self.closeness = torch.where(size > 0, closeness / torch.where(size > 0, size, 1), 0)
 
     def image(self, unknowns: Tensor, index: Tensor) -> Tensor:
-        """Unknowns (A, N) of the problems ``index`` to images (A, 1, H, W)."""
         return self.flat(self.basis.image(unknowns), index)
 
     def __call__(self, unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -161,16 +158,8 @@ EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 a
 class PreimageSearch(Account):
     """Searches images of given histograms or descriptors from given starts, several for each descriptor.
 
-    Args:
-        descriptor: (B, rows, cols, channels).
-        dialect: that made it.
-        size: (height, width) of the images.
-        priors: of all of them.
-        minimiser: of the search.
-        max_evaluations: of each descriptor, over all its images.
-        progress: called with the evaluations done and the most there can be.
-        watch: called after each round of evaluations.
-        part: the indices of these descriptors in the batch of :func:`.preimage.reconstruct`.
+    ``max_evaluations`` are those of each descriptor, over all its images; ``part`` has the indices of the descriptors
+    in the batch of :func:`.preimage.reconstruct`.
     """
 
     def __init__(
@@ -243,7 +232,6 @@ class PreimageSearch(Account):
         return objective.image(minimum.x, index).view(starts.shape)
 
     def _report(self) -> None:
-        """Reports progress; on a GPU only after every tenth call."""
         if self.progress is None:
             return
         self._calls += 1

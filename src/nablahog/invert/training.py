@@ -131,13 +131,10 @@ def train_prior(
         partial(network, architecture),
         training,
         identity,
-        start=None if start is None else start.weights,
-        epochs=epochs,
-        seed=seed,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
-        device=device,
-        half=precision == "bfloat16",
-        progress=progress,
+        None if start is None else start.weights,
+        None if checkpoint is None else Path(checkpoint),
+        device,
+        progress,
     )
     learning = NetworkLearning(
         images=tuple(names),
@@ -154,14 +151,10 @@ def train_prior(
 def _fit(
     make: Callable[[], nn.Module],
     training: WindowTraining,
-    identity: Mapping[str, object],
-    *,
+    identity: Mapping[str, Any],
     start: Tensor | None,
-    epochs: int,
-    seed: int,
     checkpoint: Path | None,
     device: torch.device,
-    half: bool,
     progress: Callable[[int, int, str], None],
 ) -> tuple[Tensor, list[float]]:
     """The weights (n,), float32, on the CPU, after training by AdamW, and the mean loss of each epoch.
@@ -169,7 +162,8 @@ def _fit(
     ``make`` may draw weights from the global generator, which is not changed; ``identity`` names all that the result
     depends on.
     """
-    steps = training.steps
+    steps, epochs, seed = training.steps, identity["epochs"], identity["seed"]
+    half = identity["precision"] == "bfloat16"
     with seeded(seed):
         network = (make() if start is None else with_weights(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
@@ -223,12 +217,7 @@ def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int)
 
 
 def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[str, Any]) -> list[float]:
-    """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs.
-
-    Raises:
-        ValueError: it is damaged, or of another training.
-        OSError: it cannot be read.
-    """
+    """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs."""
     if path is None or not path.exists():
         return []
     check_file(path, "a checkpoint of a training")

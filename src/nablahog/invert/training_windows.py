@@ -41,27 +41,14 @@ class WindowTraining(ABC):
     """The batches of windows and the loss of a training, with one window of each image in an epoch.
 
     Everything random depends only on the seed and the epoch, so that an interruption does not change it.
-
-    Args:
-        images: (H, W) each, float32 in 0…1.
-        seed: of everything random.
-
-    Attributes:
-        default_crops: of all epochs, by default.
-        learning_rate, weight_decay: the largest rate, and the decay of AdamW.
-        dialects: of equal parts of a batch; each batch has one of these lists.
-        grids: sizes of a window in cells; each batch has one of them.
-        gamma: the largest logarithm of the exponent of gray values.
-        held_out: images that are not trained with.
-        steps, crops: of an epoch.
     """
 
-    default_crops: int
-    learning_rate: float
-    weight_decay: float
-    dialects: Sequence[Sequence[HOGSpec]]
-    grids: Sequence[tuple[int, int]]
-    gamma: float
+    default_crops: int  # of all epochs
+    learning_rate: float  # the largest
+    weight_decay: float  # of AdamW
+    dialects: Sequence[Sequence[HOGSpec]]  # of equal parts of a batch; each batch has one of these lists
+    grids: Sequence[tuple[int, int]]  # cells of the windows of a batch
+    gamma: float  # the largest logarithm of the exponent of gray values
 
     def __init__(self, images: Sequence[Tensor], seed: int) -> None:
         self.held_out = list(images[HELD_OUT // 2 :: HELD_OUT])
