@@ -246,6 +246,13 @@ def test_histograms_of_signed_dialects_come_with_the_windows(
     assert min(map(float, each)) > 0.6
 
 
+def test_windows_turned_by_nothing_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("TURNED", 1.0), ("TURN", 0.0), ("STRETCH", 0.0)):
+        monkeypatch.setattr(training_windows, name, value)
+    windows = torch.rand(3, 1, 16, 24, generator=torch.Generator().manual_seed(0))
+    assert_close(training_windows._turned(windows, random.Random(0)), windows, atol=1e-4, rtol=0)
+
+
 def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:
     training, rng = SignedTraining([photograph(64)[0, 0]], 0), random.Random(0)
     assert all(1 <= training._scale(3.0, rng) <= 3 for _ in range(50))

@@ -179,19 +179,15 @@ def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: 
 
 
 def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
-    """The same, in pairs of opposite sign.
-
-    The result of a search depends in part linearly on its initial noise; that part cancels in the mean of a pair.
-    """
+    """The same, in pairs of opposite sign, in whose mean what depends linearly on the initial noise cancels."""
     half = noise(like, height, width, (count + 1) // 2, seed, spread)
     return torch.cat([half, -half[:, : count // 2]], dim=1)
 
 
 def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) at the contrast for which their histograms come closest to ``votes``, around 0.5.
+    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms, which it scales, are next to ``votes``.
 
-    Histograms are proportional to the contrast, so this is one division.  Images that only vary by rounding become
-    constant.
+    Images that only vary by rounding become constant.
     """
     image = image - image.mean(dim=(2, 3), keepdim=True)
     varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > INVISIBLE

@@ -83,14 +83,8 @@ class LearnedPrior(LearnedModel):
         return f"{self.learning.summary}, {len(self.weights):,} weights"
 
     def _values(self) -> dict[str, Any]:
-        widths, blocks = self.architecture.widths, self.architecture.blocks
-        return {
-            "spec": self.spec,
-            "widths": widths,
-            "blocks": blocks,
-            "weights": self.weights,
-            "training": self.learning,
-        }
+        network = {**vars(self.architecture), "weights": self.weights}
+        return {"spec": self.spec, **network, "training": self.learning}
 
     @classmethod
     def _of(cls, values: dict[str, Any]) -> LearnedPrior:
@@ -132,16 +126,10 @@ class LearnedPrior(LearnedModel):
         """Random images that the network considers possible, (B, count, 1, H, W), scaled as in :meth:`expected`.
 
         Each is the answer with other parts of the network dropped out, and its polarity is drawn by
-        :meth:`polarity_confidence`.
-
-        Args:
-            descriptor, spec, image_size: as in :meth:`expected`.
-            count: draws for each descriptor.
-            seed: of the draws; the same for every descriptor of the batch.
+        :meth:`polarity_confidence`.  The draws are the same for every descriptor of the batch.
 
         Raises:
-            TypeError: as :meth:`expected`.
-            ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
+            TypeError, ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
         """
         spec = as_spec(spec)
         network = self._network_for(descriptor, spec, image_size)

@@ -194,8 +194,10 @@ def reconstruct_multiscale(
         levels.append(Level(step.scale, step.spec, replace(result, seconds=time.perf_counter() - began)))
     if not spec.signed and published is None:
         levels = _fix_polarity(levels, [step.descriptor for step in plan])
-    found = (of_the_kind(level.reconstruction, given) for level, given in zip(levels, several, strict=True))
-    return [Level(level.scale, level.spec, result) for level, result in zip(levels, found, strict=True)]
+    return [
+        Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
+        for level, descriptor in zip(levels, several, strict=True)
+    ]
 
 
 @dataclass(frozen=True)

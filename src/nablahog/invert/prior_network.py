@@ -68,14 +68,9 @@ class Architecture:
 
 
 class PriorNetwork(nn.Module, ABC):
-    """A network from descriptors to images, made from an :class:`Architecture`.
+    """A network from descriptors to images, made from an :class:`Architecture`."""
 
-    Attributes:
-        KIND: of its descriptors.
-        DEFAULT: its default architecture.
-    """
-
-    KIND: ClassVar[str]
+    KIND: ClassVar[str]  # of its descriptors
     DEFAULT: ClassVar[Architecture]
 
     @abstractmethod
@@ -136,9 +131,8 @@ def set_to_zero(layer: nn.Module) -> None:
 def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
     """The network's inputs for histograms (B, 18, R, C) as of :meth:`SignedNetwork.cell_votes`, of any scale.
 
-    Returns:
-        Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the
-        integral (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
+    Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the integral
+    (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
     """
     size = CELL * votes.shape[2], CELL * votes.shape[3]
     votes = at_nominal_contrast(votes, SPEC, size)

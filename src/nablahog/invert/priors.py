@@ -142,18 +142,13 @@ class Range(Prior):
 class CoarserDescriptor(Prior):
     """‖φ(Î') - φ(I')‖² / ‖φ(I')‖², where I' is I at a coarser scale: each pixel is the mean of those it covers.
 
-    0 where I' has no texture, so that φ(I') = 0.
-
-    Attributes:
-        descriptor: (B, rows, cols, channels), φ(I').
-        spec: its dialect, as :func:`.histograms.searchable` gives it.  Where the unknown is the root of an image, roots
-            are averaged instead of gray values, an approximation.
-        factor: pixels covered by a pixel of I', along each axis.
+    0 where I' has no texture, so that φ(I') = 0.  Where the unknown is the root of an image, roots are averaged instead
+    of gray values, an approximation.
     """
 
-    descriptor: Tensor
-    spec: HOGSpec
-    factor: int
+    descriptor: Tensor  # (B, rows, cols, channels), φ(I')
+    spec: HOGSpec  # its dialect, as :func:`.histograms.searchable` gives it
+    factor: int  # pixels covered by a pixel of I', along each axis
 
     def terms(self, image: Tensor) -> Tensor:
         cells = histograms(avg_pool2d(image, self.factor), self.spec)

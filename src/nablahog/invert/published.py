@@ -94,12 +94,9 @@ def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
 
 
 class _Search(Account):
-    """The minimisation of a part of a batch.
+    """The minimisation of a part of a batch.  Gray values are around 0: a small contrast would be rounded at 0.5.
 
-    Attributes:
-        image: (B, 1, H, W), the current ones.  Gray values are around 0: a small contrast would be rounded at 0.5.
-        iterates: (B, iterations + 1, 1, H, W), the images after each iteration, from the start on, if they are kept; a
-            search that has ended repeats its last.
+    Iterates (B, iterations + 1, 1, H, W) begin with the start; a search that has ended repeats its last.
     """
 
     def __init__(

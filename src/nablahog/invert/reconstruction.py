@@ -177,13 +177,7 @@ Watch: TypeAlias = Callable[[Iterate], None]
 
 
 class Account:
-    """What the search of a part of a batch has spent and reached; its images are told to ``watch``.
-
-    Attributes:
-        evaluations: (B,) int64, spent so far.
-        history: of distances.
-        stop_reason: why each descriptor's last minimisation ended.
-    """
+    """What the search of a part of a batch has spent and reached: evaluations (B,), distances, reasons to stop."""
 
     def __init__(self, descriptor: Tensor, dialect: HOGSpec, watch: Watch | None, part: slice) -> None:
         self.descriptor, self.dialect, self.watch, self.part = descriptor, dialect, watch, part

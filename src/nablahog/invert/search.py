@@ -39,16 +39,13 @@ class PreimageObjective:
     Args:
         descriptor: (B, rows, cols, channels), φ(I).
         votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
-        spec, basis, flat: the dialect, the unknowns, and the regions that must be constant.
         priors: added to the distance, of the batch.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Both images are taken without their means, since HOG ignores the brightness.
-        keep_images: whether the images are kept.
 
     Attributes:
         distance: (B,), ‖φ(Î) - φ(I)‖ / ‖φ(I)‖ of the descriptors, whatever is compared, at the points evaluated last.
         images: (B, 1, H, W), those evaluated last, if they are kept.
-        votes_at_once: of the images that are evaluated together.
     """
 
     def __init__(
@@ -198,8 +195,7 @@ class PreimageSearch(Account):
     ) -> Tensor:
         """Images (B, K, 1, H, W) from ``starts`` of that shape, each within ``budget`` evaluations.
 
-        They have the histograms ``votes`` (B, bins, rows, cols), or the descriptor if that is None; ``expected`` and
-        ``closeness`` as in :class:`.search.PreimageObjective`.
+        They have the histograms ``votes`` (B, bins, rows, cols), or the descriptor if that is None.
         """
         batch, count = starts.shape[:2]
         self._assigned += budget * count

@@ -189,9 +189,7 @@ class _Levelled(torch.autograd.Function):
 def _runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
     """Runs of pixels of one region in a row, of regions (B, pixels), 0 for none.
 
-    Returns:
-        (runs, 3), of each the first pixel, the one behind its last, and its region, and (B + 1,): those of image b are
-        the runs ends[b] … ends[b + 1] - 1.
+    (runs, 3), first pixel, the one behind the last, and region; and (B + 1,): image b has ends[b] … ends[b + 1] - 1.
     """
     before = np.pad(regions, ((0, 0), (1, 0)))
     after = np.pad(regions, ((0, 0), (0, 1)))

@@ -9,9 +9,8 @@ A second part, the polarity, predicts the probability that an image is the photo
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 
 import torch
@@ -139,22 +138,6 @@ class _Polarity(nn.Module):
         return odds.squeeze(1).float()
 
 
-@contextmanager
-def _dropout(network: nn.Module) -> Iterator[None]:
-    """Dropout as in training, with the share :data:`DRAWN`, as a context."""
-    layers = [layer for layer in network.modules() if isinstance(layer, nn.Dropout | nn.Dropout2d)]
-    shares = [layer.p for layer in layers]
-    for layer in layers:
-        layer.p = DRAWN
-        layer.train()
-    try:
-        yield
-    finally:
-        for layer, share in zip(layers, shares, strict=True):
-            layer.p = share
-            layer.eval()
-
-
 class UnsignedNetwork(PriorNetwork):
     """Regions, of the given architecture, and polarity, of a fixed one; 5.3 million weights by default."""
 
@@ -198,14 +181,15 @@ class UnsignedNetwork(PriorNetwork):
 
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
-        inputs = inputs.expand(count, -1, -1, -1)
+        inputs, network = inputs.expand(count, -1, -1, -1), copy.deepcopy(self.regions)
+        for layer in network.modules():
+            if isinstance(layer, nn.Dropout | nn.Dropout2d):
+                layer.train().p = DRAWN
         with seeded(seed):
-            with _dropout(self.regions):
-                regions = self.regions(inputs)
+            regions = network(inputs)
             likely = torch.sigmoid(self.log_odds(inputs, regions, regions))
-            return torch.where(
-                torch.rand_like(likely).reshape(-1, 1, 1, 1) < likely.reshape(-1, 1, 1, 1), regions, -regions
-            )
+            kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
+        return torch.where(kept, regions, -regions)
 
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
