@@ -185,7 +185,7 @@ def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, sprea
 
 
 def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms, which it scales, are next to ``votes``.
+    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``votes``.
 
     Images that only vary by rounding become constant.
     """
