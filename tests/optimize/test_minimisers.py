@@ -129,16 +129,6 @@ def test_a_start_that_is_not_finite_stops_and_spoils_nothing(name: Minimiser) ->
 
 
 @all_minimisers
-@pytest.mark.parametrize("case", ["long", "rosenbrock", "powell"])
-def test_float32(name: Minimiser, case: str) -> None:
-    problem, start = CASES[case].problem(), CASES[case].points(torch.float32)
-    result = MINIMISERS[name](problem, start, max_evaluations=400)
-    assert result.x.dtype == result.value.dtype == result.history.dtype == torch.float32
-    assert torch.isfinite(result.x).all()
-    assert result.value < 1e-6
-
-
-@all_minimisers
 def test_the_start_is_not_changed(name: Minimiser) -> None:
     start = CASES["rosenbrock"].points()
     before = start.clone()

@@ -55,7 +55,8 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
-    spec, given = as_spec(spec), descriptors_as_tensor(weights)
+    spec = as_spec(spec)
+    given = descriptors_as_tensor(weights)
     size = image_size or spec.image_size(*given.shape[1:3])
     expected = (*spec.grid(*size), spec.channels)
     if tuple(given.shape[1:]) != expected:
