@@ -55,24 +55,26 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
-    spec = as_spec(spec)
+    dialect: HOGSpec = as_spec(spec)
     given = descriptors_as_tensor(weights)
-    size = image_size or spec.image_size(*given.shape[1:3])
-    expected = (*spec.grid(*size), spec.channels)
+    size: tuple[int, int] = image_size or dialect.image_size(*given.shape[1:3])
+    expected = (*dialect.grid(*size), dialect.channels)
     if tuple(given.shape[1:]) != expected:
         raise ValueError(
-            f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
+            f"a template for {dialect.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
             f"{expected} (rows, cols, channels), got {tuple(given.shape[1:])}"
         )
     check_finite("the weights", given)
-    of_bins = spec.normalizer.bin_weights(mean_over_colours(given.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
+    of_bins = dialect.normalizer.bin_weights(
+        mean_over_colours(given.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
+    )
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
-    histograms = with_margin(histograms, spec)  # cells that the descriptor leaves out have no weights
-    alignment = CellAlignment(spec, size, histograms)
-    histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
-    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec)
+    histograms = with_margin(histograms, dialect)  # cells that the descriptor leaves out have no weights
+    alignment = CellAlignment(dialect, size, histograms)
+    histograms = alignment.restore(alignment(histograms)).repeat(1, dialect.colours, 1, 1)
+    descriptor = normalize_reference(at_nominal_contrast(histograms, dialect, size), dialect)
     descriptor = descriptor.permute(0, 2, 3, 1).contiguous()
     return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
 
