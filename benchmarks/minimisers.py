@@ -22,14 +22,11 @@ import torch
 from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.invert.cosine import CosineBasis
-from nablahog.invert.flat import FlatRegions
-from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.objective import PreimageObjective
+from nablahog.invert.histograms import recover_histograms, starting_images
 from nablahog.invert.priors import RelativeSmoothness
-from nablahog.invert.search import EXPONENT
-from nablahog.invert.start import starting_images
-from nablahog.optimize import Minimiser, minimise
+from nablahog.invert.search import EXPONENT, PreimageObjective
+from nablahog.invert.unknowns import CosineBasis, FlatRegions
+from nablahog.optimize import MINIMISERS, Minimiser
 from preimages import photographs
 
 SIDE, CELL = 128, 8
@@ -59,7 +56,7 @@ def search(
 
     start = basis.unknowns(starting_images(votes, spec, SIDE, SIDE, 1, seed=0)[:, 0])
     began = time.perf_counter()
-    minimise(name, objective, start, max_evaluations=most, watch=watch)
+    MINIMISERS[name](objective, start, max_evaluations=most, watch=watch)
     return evaluations, seconds, lowest
 
 

@@ -14,8 +14,7 @@ from skimage import data
 from torch import Tensor
 
 import nablahog
-from nablahog.optimize import Minimum, StopReason, minimise
-from nablahog.optimize.result import ObjectiveFunction
+from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
 
 # %%
 # The method
@@ -94,7 +93,7 @@ torch.manual_seed(0)
 start = 0.2 * torch.randn(len(photographs), SIDE**2)
 BUDGET = 300
 minima = {"nesterov": nesterov(objective, start, max_evaluations=BUDGET)}
-minima["lbfgs"] = minimise("lbfgs", objective, start, max_evaluations=BUDGET)
+minima["lbfgs"] = lbfgs(objective, start, max_evaluations=BUDGET)
 
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 for name, minimum in minima.items():
@@ -127,4 +126,4 @@ plt.show()
 # ``reconstruct`` avoids this: :doc:`/reconstruction`.
 #
 # To use it in ``reconstruct``, by ``Search(minimiser="nesterov")``, put it into a file of the folder
-# ``src/nablahog/optimize`` and its name into ``minimisers.py``, as :doc:`/contributing` says.
+# ``src/nablahog/optimize`` and its name into ``__init__.py``, as :doc:`/contributing` says.

@@ -19,3 +19,7 @@ def photograph(size: int = 64, name: str = "camera") -> Tensor:
     side = min(picture.shape)
     square = interpolate(picture[None, None, :side, :side], size=(size, size), mode="area")
     return square.round() / 255
+
+
+def correlation(a: Tensor, b: Tensor) -> float:
+    return float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1])

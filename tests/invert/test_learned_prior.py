@@ -21,11 +21,9 @@ from nablahog.invert import (
     default_prior,
     reconstruct_samples,
     scale_descriptors,
-    signed_network,
-    unsigned_network,
 )
 from nablahog.invert.histograms import recover_histograms, searchable
-from nablahog.invert.learned import FOLDER
+from nablahog.invert.learned import FOLDER, network_class
 from nablahog.invert.prior_network import HISTOGRAM_EVALUATIONS
 
 from ..io import tiny_models
@@ -52,14 +50,10 @@ BOTH = pytest.mark.parametrize("spec", [UOCTTI, PAPER], ids=["signed", "unsigned
 every_dialect = pytest.mark.parametrize("spec", [*SIGNED.values(), *UNSIGNED.values()], ids=[*SIGNED, *UNSIGNED])
 
 
-def network_of(spec: HOGSpec) -> Any:
-    return signed_network if searchable(spec).signed else unsigned_network
-
-
 def cells(image: Tensor, spec: HOGSpec) -> Tensor:
     """What the network is given for an image."""
-    module, searched = network_of(spec), searchable(spec)
-    return module.cell_votes(histograms(image, searched), searched, (image.shape[2], image.shape[3]))
+    searched, size = searchable(spec), (image.shape[2], image.shape[3])
+    return network_class(spec).cell_votes(histograms(image, searched), searched, size)
 
 
 # --- the inputs of networks
@@ -78,7 +72,7 @@ def test_all_dialects_look_alike(spec: HOGSpec) -> None:
 def test_votes_on_centres_are_kept_and_mirrored_with_the_image(spec: HOGSpec) -> None:
     image = photograph(128)
     assert torch.equal(cells(image, spec), histograms(image, spec))
-    mirrored = network_of(spec).mirrored_votes(cells(image, spec))
+    mirrored = network_class(spec).mirrored(cells(image, spec))
     assert_close(cells(image.flip(3), spec), mirrored, atol=0.1, rtol=1e-3)
 
 

@@ -12,13 +12,12 @@ from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
-from nablahog.invert import Objective, Search, objective, search, single_scale
-from nablahog.invert.flat import FlatRegions
-from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.priors import Range, RelativeSmoothness, TotalVariation
+from nablahog.invert import Objective, Search, preimage, search
+from nablahog.invert.histograms import noise, recover_histograms
+from nablahog.invert.priors import Range, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
-from nablahog.invert.start import noise
-from nablahog.optimize import Minimiser, Minimum, StopReason, running
+from nablahog.invert.unknowns import FlatRegions
+from nablahog.optimize import Minimiser, Minimum, StopReason
 from nablahog.optimize.lbfgs import LbfgsSearch
 
 from ..waiting import WithoutWaiting
@@ -38,6 +37,10 @@ def account(
     progress: Callable[[int, int], None] | None = None,
 ) -> PreimageSearch:
     return PreimageSearch(descriptors, SPEC, (32, 32), [RelativeSmoothness(0.02)], minimiser, budget, progress)
+
+
+def history(made: PreimageSearch) -> Tensor:
+    return made.history.filled(int(made.evaluations.max()))
 
 
 def starts(count: int) -> Tensor:
@@ -60,7 +63,7 @@ def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
     assert made.left() == 64
     made.match(result.mean(dim=1, keepdim=True), None, made.left())
     assert made.evaluations[:2].tolist() == [100, 100]
-    assert made.history().shape == (100, 3)
+    assert history(made).shape == (100, 3)
     assert made.left() == 1  # never nothing, as a minimiser cannot spend nothing
 
 
@@ -73,9 +76,7 @@ def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
     assert (made.evaluations[:2] > 20).all()
     made.match(result[:, :1], None, made.left(), IMAGES, 0.1)
     assert (made.evaluations <= 60).all()
-    history = made.history()
-    assert history.shape == (int(made.evaluations.max()), 3)
-    assert torch.isfinite(history).all()
+    assert torch.isfinite(history(made)).all()
     done = [call[0] for call in calls]
     assert done == sorted(set(done))
     assert done[-1] <= int(made.evaluations.max())
@@ -85,12 +86,12 @@ def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
 def test_history_begins_with_the_starts_distance_and_counts_one_image_after_the_other() -> None:
     begin, made = starts(2), account()
     made.match(begin, VOTES, 5)
-    history = made.history()
-    torch.testing.assert_close(history[0, :2], relative(begin)[:2, 0])  # a flat descriptor makes its start flat
-    assert len(history) == 10
+    distances = history(made)
+    torch.testing.assert_close(distances[0, :2], relative(begin)[:2, 0])  # a flat descriptor makes its start flat
+    assert len(distances) == 10
     other = account()
     other.match(begin[:, 1:], VOTES, 5)
-    torch.testing.assert_close(history[-1, :2], other.history()[-1, :2])
+    torch.testing.assert_close(distances[-1, :2], history(other)[-1, :2])
 
 
 def test_the_result_is_closer_than_the_start_and_not_far_from_the_expected_image() -> None:
@@ -133,7 +134,7 @@ def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> No
 
     without = variation(Objective(smoothness=0))
     assert variation(Objective(smoothness=0.3)) < without
-    assert variation(Objective(smoothness=0, priors=[TotalVariation(1e-2)])) < without
+    assert variation(Objective(smoothness=0, priors=[RelativeSmoothness(0.3)])) < without
 
 
 # --- on a device: rounds that wait for nothing, results that are those of a CPU
@@ -146,7 +147,7 @@ def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch)
         return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
 
     on_cpu, its_images = run()
-    monkeypatch.setattr(running, "dropped_at_once", lambda like: False)
+    monkeypatch.setattr("nablahog.optimize.problems.dropped_at_once", lambda like: False)
     on_device, images_there = run()
     for made in (on_cpu, on_device):
         assert made.evaluations[2] < made.evaluations[:2].min()  # the flat image ends, and others go on
@@ -170,10 +171,10 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         return cells[:, :1].expand(-1, descriptor.shape[3], *descriptor.shape[1:3]) + 0.0
 
     monkeypatch.setattr(search, "FlatRegions", lambda *args: regions)
-    monkeypatch.setattr(objective, "steps", lambda device, spec: (to_cells, normalize))
+    monkeypatch.setattr(search, "steps", lambda device, spec: (to_cells, normalize))
     seen, reports = [], []
 
-    def minimise(name: str, problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
+    def minimise(problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:
         run = LbfgsSearch(problem, start, 6, 1.0, watch)  # also warms up what is kept on the device
         with WithoutWaiting():
             for _ in range(3):
@@ -182,7 +183,7 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         reason = [StopReason.BUDGET] * len(start)
         return Minimum(run.vectors.x, run.state.values, run.running.evaluations, reason, run.state.values.unsqueeze(0))
 
-    monkeypatch.setattr(search, "minimise", minimise)
+    monkeypatch.setitem(search.MINIMISERS, "lbfgs", minimise)
     made = PreimageSearch(
         descriptor.to("meta"),
         UOCTTI,
@@ -208,8 +209,8 @@ def test_batches_are_split_by_the_memory_that_is_free(monkeypatch: pytest.Monkey
         asked.append(share)
         return on_cpu // 2**14
 
-    monkeypatch.setattr(single_scale, "memory_for", memory_for)
-    monkeypatch.setattr(objective, "memory_for", memory_for)
+    monkeypatch.setattr(preimage, "memory_for", memory_for)
+    monkeypatch.setattr(search, "memory_for", memory_for)
     parts: list[slice] = []
     calls: list[tuple[int, int]] = []
     apart = reconstruct(
@@ -224,5 +225,5 @@ def test_batches_are_split_by_the_memory_that_is_free(monkeypatch: pytest.Monkey
         torch.testing.assert_close(getattr(apart, name), getattr(together, name))
     assert calls == sorted(set(calls))
     assert {most for _, most in calls} == {3 * 4}
-    assert set(asked) == {single_scale.SHARE, objective.SHARE}
+    assert set(asked) == {preimage.SHARE, search.SHARE}
     assert sum(set(asked)) < 0.8

@@ -16,7 +16,7 @@ from nablahog.invert import Level, Objective, Search, multiscale, reconstruct_mu
 from nablahog.invert.multiscale import SCALES, level_spec
 from nablahog.invert.signs import negated, negatives
 
-from .photographs import photograph
+from .photographs import correlation, photograph
 
 SPECS = {
     "signed": dataclasses.replace(presets.paper(8), signed=True, bins=18),
@@ -27,10 +27,6 @@ PAPER = SPECS["paper"]
 FEW = Search(max_evaluations=16)
 all_specs = pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
 both_variants = pytest.mark.parametrize("more", [False, True], ids=["multi-scale", "multi-scale-more"])
-
-
-def correlation(a: Tensor, b: Tensor) -> float:
-    return float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1])
 
 
 def descriptors(image: Tensor, spec: HOGSpec, more: bool, scales: tuple[int, ...] = SCALES) -> Tensor | list[Tensor]:
@@ -56,16 +52,6 @@ def test_a_scale_is_a_square_that_divides_cell_and_image(
 ) -> None:
     with pytest.raises(ValueError, match=says):
         level_spec(presets.paper(cell), scale, size)
-
-
-@pytest.mark.parametrize(("cell", "size"), [((8, 8), (64, 64)), ((8, 16), (32, 64))])
-def test_every_level_has_the_same_grid(cell: tuple[int, int], size: tuple[int, int]) -> None:
-    for spec in (presets.uoctti(cell), presets.paper(cell)):
-        for scale, factor in ((64, 8), (4, 2), (1, 1)):
-            small, small_size = level_spec(spec, scale, size)
-            assert small_size == (size[0] // factor, size[1] // factor)
-            assert small.cell_size == (cell[0] // factor, cell[1] // factor)
-            assert small.grid(*small_size) == spec.grid(*size)
 
 
 def test_scale_descriptors_are_those_of_averaged_images() -> None:

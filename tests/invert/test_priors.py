@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -12,15 +11,12 @@ from torch.testing import assert_close
 
 from nablahog import HOGSpec, hog, presets
 from nablahog.hog.gradient import gradient
-from nablahog.invert.priors import CoarserDescriptor, Prior, Range, RelativeSmoothness, TotalVariation, smoothness
+from nablahog.invert.priors import CoarserDescriptor, Prior, Range, RelativeSmoothness, smoothness
 
 from .photographs import photograph
 
 PRIORS = {
     "relative": RelativeSmoothness(0.7),
-    "tv": TotalVariation(0.7, beta=1),
-    "tv^1.5": TotalVariation(0.7, beta=1.5),
-    "tv^2": TotalVariation(0.7),
     "range": Range(0.7),
 }
 all_priors = pytest.mark.parametrize("prior", PRIORS.values(), ids=PRIORS)
@@ -39,14 +35,6 @@ def test_smoothness_ignores_contrast_and_brightness_and_sees_alternating_pixels(
     assert smoothness(0.1 * ramp + 7).item() == pytest.approx(smoothness(ramp).item())
     assert torch.equal(gradient(alternating, presets.paper())[0], torch.zeros(1, 16, 16))  # the mask cannot see it
     assert smoothness(ramp + 0.05 * alternating) > 1.5 * smoothness(ramp)
-
-
-@pytest.mark.parametrize("beta", [1, 1.5, 2])
-def test_total_variation_is_the_formula(beta: float) -> None:
-    for image, value in zip(images(), TotalVariation(0.7, beta)(images()), strict=True):
-        gray = image[0].numpy()
-        dx, dy = np.diff(gray, axis=1, append=gray[:, -1:]), np.diff(gray, axis=0, append=gray[-1:])
-        assert value.item() == pytest.approx(0.7 * ((dx**2 + dy**2) ** (beta / 2)).sum(), rel=1e-3)
 
 
 def test_range_is_the_mean_squared_excess() -> None:
@@ -118,6 +106,6 @@ def test_a_coarser_descriptor_is_compared_by_its_relative_distance(spec: HOGSpec
 
 
 def test_values_out_of_range() -> None:
-    for make in (lambda: RelativeSmoothness(float("nan")), lambda: TotalVariation(1, beta=0.5), lambda: Range(-2.0)):
+    for make in (lambda: RelativeSmoothness(float("nan")), lambda: Range(-2.0)):
         with pytest.raises(ValueError, match="must be a finite number of at least"):
             make()

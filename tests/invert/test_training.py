@@ -15,14 +15,12 @@ from torch.testing import assert_close
 
 from nablahog import LearnedPrior, presets, train_prior
 from nablahog.hog import HOGSpec
-from nablahog.invert import signed_training, training_windows, unsigned_training
+from nablahog.invert import prior_network, training_windows
 from nablahog.invert.prior_network import Architecture, ResidualBlock
 from nablahog.invert.provenance import digest_of_weights
-from nablahog.invert.signed_training import SignedTraining
 from nablahog.invert.training import default_precision, learning_rates
-from nablahog.invert.training_windows import HELD_OUT
+from nablahog.invert.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
 from nablahog.invert.unsigned_network import UnsignedNetwork
-from nablahog.invert.unsigned_training import UnsignedTraining
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
 from .photographs import photograph
@@ -50,7 +48,7 @@ class Interruption:
 def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Four small photographs, two to a step, whose histograms are found in a hurry."""
     monkeypatch.setattr(training_windows, "BATCH", 2)
-    monkeypatch.setattr(signed_training, "HISTOGRAM_EVALUATIONS", 5)
+    monkeypatch.setattr(prior_network, "HISTOGRAM_EVALUATIONS", 5)
     names = ("camera", "coins", "clock", "brick")
     return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
 
@@ -223,10 +221,10 @@ def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -
     assert all(torch.isfinite(part).all() for batch in training.batches(0) for part in batch)
 
 
-@pytest.mark.parametrize("specs", unsigned_training.DIALECTS[-2:], ids=lambda specs: specs[1].name)
+@pytest.mark.parametrize("specs", UnsignedTraining.dialects[-2:], ids=lambda specs: specs[1].name)
 def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]) -> None:
     """There are more votes where the image has edges."""
-    monkeypatch.setattr(unsigned_training, "DIALECTS", [specs])
+    monkeypatch.setattr(UnsignedTraining, "dialects", [specs])
     batch = next(UnsignedTraining(patches(40), 0).batches(0))
     rows, cols = batch.votes.shape[2:]
     assert batch.images.shape == (32, 1, 2 * rows, 2 * cols)
@@ -237,15 +235,22 @@ def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.Mon
             assert float(torch.corrcoef(torch.stack([votes, edges]))[0, 1]) > 0.3
 
 
-@pytest.mark.parametrize("specs", signed_training.DIALECTS[2:], ids=lambda specs: "-".join(s.name for s in specs))
+@pytest.mark.parametrize("specs", SignedTraining.dialects[2:], ids=lambda specs: "-".join(s.name for s in specs))
 def test_histograms_of_signed_dialects_come_with_the_windows(
     monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]
 ) -> None:
     """They integrate to an image like the window, of the same sign."""
-    monkeypatch.setattr(signed_training, "DIALECTS", [specs])
+    monkeypatch.setattr(SignedTraining, "dialects", [specs])
     batch = next(SignedTraining([photograph(128)[0, 0]] * 8, 0).batches(0))
     each = [torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1] for a, b in zip(*batch[1:], strict=True)]
     assert min(map(float, each)) > 0.6
+
+
+def test_windows_turned_by_nothing_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("TURNED", 1.0), ("TURN", 0.0), ("STRETCH", 0.0)):
+        monkeypatch.setattr(training_windows, name, value)
+    windows = torch.rand(3, 1, 16, 24, generator=torch.Generator().manual_seed(0))
+    assert_close(training_windows._turned(windows, random.Random(0)), windows, atol=1e-4, rtol=0)
 
 
 def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import hog, presets
-from nablahog.invert.flat import FlatRegions
-from nablahog.invert.objective import PreimageObjective
 from nablahog.invert.priors import RelativeSmoothness
+from nablahog.invert.search import PreimageObjective
+from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import Jacobian, StopReason, dogleg
 from nablahog.optimize.gauss_newton import GraphJacobian, NewtonSteps, newton_steps
 
@@ -190,15 +190,11 @@ def test_a_gradient_that_lies_collapses_the_radius() -> None:
     assert dogleg(problem, start, radius=1e-16).stop_reason == [StopReason.STEP] * 2
 
 
-def test_stops_on_iterations_and_on_progress() -> None:
+def test_stops_on_iterations() -> None:
     start = torch.tensor([[-1.2, 1.0]]).double()
     assert dogleg(SumOfSquares(lambda x, i: rosenbrock(x)), start, max_iterations=3).stop_reason == [
         StopReason.ITERATIONS
     ]
-    problem = SumOfSquares(lambda x, i: exponentials(x))  # at its minimum, residuals remain
-    result = dogleg(problem, torch.ones(1, 3, dtype=torch.float64), progress_tolerance=1e-3)
-    assert result.stop_reason == [StopReason.PROGRESS]
-    assert result.value < result.history[-2]
 
 
 @pytest.mark.parametrize("budget", range(1, 16))

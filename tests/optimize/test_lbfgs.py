@@ -11,8 +11,8 @@ from torch import Tensor
 
 from nablahog import native
 from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
+from nablahog.optimize.lbfgs import NativeVectors, Vectors
 from nablahog.optimize.lbfgs_decisions import Decisions, SearchState, decide
-from nablahog.optimize.lbfgs_vectors import NativeVectors, Vectors
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # Nocedal & Wright, p. 62
 
@@ -149,6 +149,8 @@ def test_decisions(memory: int) -> None:
     steps, slopes = lows + np.abs(rng.normal(size=batch)), -np.abs(rng.normal(size=batch))
     trials, dots = state.values + 0.5 * rng.normal(size=batch), rng.normal(size=dots.shape)
     trials[::17] = np.nan
+    for k, share in ((1, 0.9), (2, 1.1)):  # of Armijo's least decrease
+        trials[k::17] = (state.values + share * ARMIJO * steps * slopes)[k::17]
     running = np.arange(batch) % 5 > 0
     state = state._replace(steps=steps, lows=lows, highs=highs)
     after, decisions = decide(state, running, slopes, trials, dots)

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 from torch.utils._python_dispatch import _disable_current_modes
 
-from nablahog.optimize import Minimum, StopReason, minimise, running
+from nablahog.optimize import MINIMISERS, Minimiser, Minimum, StopReason
 from nablahog.optimize.dogleg import DoglegSearch
 from nablahog.optimize.lbfgs import LbfgsSearch
-from nablahog.optimize.running import ROUNDS_BETWEEN_LOOKS
+from nablahog.optimize.problems import ROUNDS_BETWEEN_LOOKS
 
 from ..waiting import WithoutWaiting
 from .problems import SumOfSquares, exponentials, mixed, rosenbrock
@@ -23,14 +23,18 @@ from .problems import SumOfSquares, exponentials, mixed, rosenbrock
 
 @pytest.fixture
 def on_device(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Minimum]:
-    """:func:`.minimise` as it runs on a device."""
+    """The minimiser of a name as it runs on a device."""
 
-    def run(*args: Any, **options: Any) -> Minimum:
+    def run(name: Minimiser, *args: Any, **options: Any) -> Minimum:
         with monkeypatch.context() as patch:
-            patch.setattr(running, "dropped_at_once", lambda like: False)
-            return minimise(*args, **options)
+            patch.setattr("nablahog.optimize.problems.dropped_at_once", lambda like: False)
+            return on_cpu(name, *args, **options)
 
     return run
+
+
+def on_cpu(name: Minimiser, *args: Any, **options: Any) -> Minimum:
+    return MINIMISERS[name](*args, **options)
 
 
 def many_rosenbrocks(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -78,7 +82,7 @@ def same(one: Minimum, other: Minimum, rounding: float) -> None:
 def test_results_are_those_on_a_cpu(problem: str, budget: int, on_device: Callable[..., Minimum]) -> None:
     options: dict[str, Any] = {"max_evaluations": budget, "gradient_tolerance": 1e-4, "progress_tolerance": 1e-2}
     results = []
-    for run in (minimise, on_device):
+    for run in (on_cpu, on_device):
         objective, start = problems()[problem]
         results.append(run("lbfgs", objective, start, **options))
     same(*results, rounding=1e-5)  # which grows from step to step
@@ -135,7 +139,7 @@ def test_the_dogleg_does_what_it_does_on_a_cpu(
         (problem, start), options = mixed(), {"cg_tolerance": 1e-6, **options}
     else:
         problem, start = SumOfSquares(lambda x, index: function(x)), starts(6, 3 if function is exponentials else 2)
-    results = [run("dogleg", problem, start, max_evaluations=60, **options) for run in (minimise, on_device)]
+    results = [run("dogleg", problem, start, max_evaluations=60, **options) for run in (on_cpu, on_device)]
     same(*results, rounding=0)
 
 
@@ -166,7 +170,7 @@ def test_the_dogleg_waits_once_a_trial(on_device: Callable[..., Minimum], monkey
 
 @pytest.mark.parametrize("device", ["cpu", "meta", pytest.param("cuda", marks=needs_gpu)])
 def test_rounds_ask_for_no_number(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "dropped_at_once", lambda like: False)
+    monkeypatch.setattr("nablahog.optimize.problems.dropped_at_once", lambda like: False)
     told: list[tuple[Tensor, Tensor]] = []
     search = LbfgsSearch(many_rosenbrocks, starts(12, 2).to(device), 6, 1.0, lambda *now: told.append(now))
     with WithoutWaiting(), no_synchronisation(device):

@@ -16,11 +16,10 @@ from ..cli.results.inversion import MEASURES, SURE
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
-from ..invert.histograms import recover_histograms, searchable
+from ..invert.arguments import quality_of
+from ..invert.histograms import recover_histograms, searchable, starting_images
 from ..invert.learned import PriorChoice
-from ..invert.options import quality_of
 from ..invert.reconstruction import at_start
-from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
 from . import lines
 from .errors import RequestError, as_request_error

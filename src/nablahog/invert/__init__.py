@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING
 from ..runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
+    from .arguments import AsPublished, Objective, Search
     from .learned import LearnedPrior, default_prior
     from .multiscale import Level, reconstruct_multiscale, scale_descriptors
-    from .options import AsPublished, Objective, Search
-    from .preimage import Samples, reconstruct, reconstruct_samples
+    from .preimage import reconstruct
     from .reconstruction import Iterate, Reconstruction
+    from .samples import Samples, reconstruct_samples
     from .template import reconstruct_template, template_descriptor
     from .training import train_prior
 
@@ -36,8 +37,9 @@ names_when_used(
     __name__,
     learned=("LearnedPrior", "default_prior"),
     multiscale=("Level", "reconstruct_multiscale", "scale_descriptors"),
-    options=("AsPublished", "Objective", "Search"),
-    preimage=("Samples", "reconstruct", "reconstruct_samples"),
+    arguments=("AsPublished", "Objective", "Search"),
+    preimage=("reconstruct",),
+    samples=("Samples", "reconstruct_samples"),
     reconstruction=("Iterate", "Reconstruction"),
     template=("reconstruct_template", "template_descriptor"),
     training=("train_prior",),

@@ -8,29 +8,25 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, check_weights, integers, with_weights
-from .checks import check_descriptor
-from .histograms import searchable
-from .prior_network import Architecture, PriorNetwork
+from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
+from ..io.learned_model import check_weights, with_weights
+from .arguments import check_descriptor
+from .histograms import at_contrast, searchable
+from .prior_network import Architecture, PriorNetwork, SignedNetwork
 from .provenance import NetworkLearning
-from .signed_network import SignedNetwork
-from .start import at_contrast
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
-    """The class of networks for descriptors of ``spec``.
-
-    Raises:
-        ValueError: such descriptors cannot be inverted.
-    """
+    """The class of networks for descriptors of ``spec``; ValueError if these cannot be inverted."""
     return SignedNetwork if searchable(spec).signed else UnsignedNetwork
 
 
@@ -64,7 +60,7 @@ class LearnedPrior(LearnedModel):
         "spec": SPEC,
         "widths": integers(),
         "blocks": integers(),
-        "weights": TENSOR,
+        "weights": tensor(np.float16),
         "training": account(NetworkLearning),
     }
 
@@ -87,14 +83,8 @@ class LearnedPrior(LearnedModel):
         return f"{self.learning.summary}, {len(self.weights):,} weights"
 
     def _values(self) -> dict[str, Any]:
-        widths, blocks = self.architecture.widths, self.architecture.blocks
-        return {
-            "spec": self.spec,
-            "widths": widths,
-            "blocks": blocks,
-            "weights": self.weights,
-            "training": self.learning,
-        }
+        network = {**vars(self.architecture), "weights": self.weights}
+        return {"spec": self.spec, **network, "training": self.learning}
 
     @classmethod
     def _of(cls, values: dict[str, Any]) -> LearnedPrior:
@@ -136,16 +126,10 @@ class LearnedPrior(LearnedModel):
         """Random images that the network considers possible, (B, count, 1, H, W), scaled as in :meth:`expected`.
 
         Each is the answer with other parts of the network dropped out, and its polarity is drawn by
-        :meth:`polarity_confidence`.
-
-        Args:
-            descriptor, spec, image_size: as in :meth:`expected`.
-            count: draws for each descriptor.
-            seed: of the draws; the same for every descriptor of the batch.
+        :meth:`polarity_confidence`.  The draws are the same for every descriptor of the batch.
 
         Raises:
-            TypeError: as :meth:`expected`.
-            ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
+            TypeError, ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
         """
         spec = as_spec(spec)
         network = self._network_for(descriptor, spec, image_size)
@@ -195,24 +179,14 @@ PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["defaul
 
 
 class Priors(NamedTuple):
-    """The priors of a reconstruction.
-
-    Attributes:
-        own: for its descriptors.
-        details: for signed descriptors, if ``own`` is for unsigned ones: it adds details once the signs are found.
-    """
+    """The prior for a reconstruction's descriptors; if these are unsigned, also one for signed ones, for details."""
 
     own: LearnedPrior
     details: LearnedPrior | None = None
 
 
 def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
-    """The chosen priors for descriptors of ``spec``.
-
-    Raises:
-        TypeError: they are no priors.
-        ValueError, FileNotFoundError: as :func:`default_prior`; a list has no prior for such descriptors, or several.
-    """
+    """The chosen priors for descriptors of ``spec``; ValueError if a list has none for these, or several."""
     if prior is None:
         return None
     if isinstance(prior, LearnedPrior):
@@ -230,11 +204,7 @@ def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
 
 
 def default_prior_file(spec: HOGSpec | str) -> Path | None:
-    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted.
-
-    Raises:
-        ValueError: there is no such preset.
-    """
+    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted."""
     try:
         signed = searchable(as_spec(spec)).signed
     except ValueError:
@@ -267,11 +237,7 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
 
 
 def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
-    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details.
-
-    Raises:
-        ValueError, FileNotFoundError: as :func:`default_prior`.
-    """
+    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details."""
     own = default_prior(spec)
     return [own] if own.signed else [own, default_prior("uoctti")]
 

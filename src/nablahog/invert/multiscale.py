@@ -21,17 +21,24 @@ from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from .checks import check_descriptor, check_images, descriptors_as_tensor
+from .arguments import (
+    AsPublished,
+    Objective,
+    Search,
+    as_published,
+    check_descriptor,
+    check_images,
+    descriptors_as_tensor,
+    quality_of,
+)
 from .choices import InversionMethod
-from .histograms import recover_histograms, searchable
+from .histograms import enlarge, recover_histograms, searchable, starting_images
 from .learned import PriorChoice, Priors, as_priors
-from .options import AsPublished, Objective, Search, as_published, quality_of
+from .preimage import search_preimages
 from .priors import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
 from .signs import negated, negatives
-from .single_scale import search_preimages
-from .start import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
 COARSER_WEIGHT = 0.1  # of the distance at each scale before, relative to that at the level's own
@@ -54,11 +61,7 @@ class Level(Generic[Values]):
 
 
 def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[HOGSpec, tuple[int, int]]:
-    """The spec and (height, width) of a level.
-
-    Raises:
-        ValueError: √s is no integer, or does not divide the cell and the image into whole pixels.
-    """
+    """The spec and (height, width) of a level; ValueError unless √s divides cell and image into whole pixels."""
     factor = math.isqrt(scale) if scale >= 1 else 0
     if factor < 1 or factor * factor != scale:
         raise ValueError(f"a scale must be a square number of at least 1, got {scale}")
@@ -219,11 +222,7 @@ def _plan(
     search: Search,
     published: AsPublished | None,
 ) -> list[_Step]:
-    """The inputs of each level; with ``one``, all match one descriptor.
-
-    Raises:
-        TypeError, ValueError: as :func:`reconstruct_multiscale`, before any work.
-    """
+    """The inputs of each level, all checked before any work; with ``one``, all match one descriptor."""
     if not scales or any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(descriptors) != len(scales):

@@ -1,24 +1,56 @@
-"""Section 3.1, single-scale: pre-images from the descriptor alone, one for each, or several where it leaves room."""
+"""Section 3.1, single-scale: pre-images from the descriptor alone.
+
+descriptor → histograms before Eq. 7 → start and expected image → Eq. 8-9 → minimiser → image
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ..hog.descriptor import hog
 from ..hog.inputs import ArrayImage, Descriptors
-from ..hog.presets import as_spec
+from ..hog.presets import as_spec, uoctti
 from ..hog.spec import HOGSpec
-from .checks import check_descriptor, check_images, descriptors_as_tensor
+from ..runtime.pytorch import memory_for
+from .arguments import (
+    AsPublished,
+    Objective,
+    Search,
+    as_published,
+    check_descriptor,
+    check_images,
+    descriptors_as_tensor,
+    quality_of,
+)
 from .choices import InversionMethod, QualityName
-from .learned import PriorChoice, as_priors
-from .options import AsPublished, Objective, Search, as_published
+from .histograms import NOISE, at_contrast, in_pairs, near_expected, recover_histograms, searchable, starting_images
+from .learned import LearnedPrior, PriorChoice, Priors, as_priors
+from .priors import Prior, Range, RelativeSmoothness
 from .published import reconstruct_as_published
-from .reconstruction import Reconstruction, Watch, at_start, of_the_kind
-from .single_scale import search_preimages
+from .reconstruction import Reconstruction, Watch, at_start, found, of_the_kind, parts, to_unit_range
+from .search import PreimageSearch
+from .signs import negated, negatives
+from .unknowns import low_pass
+
+SHARE_OF_SAMPLES = 0.7  # of the evaluations; the rest goes to the descriptor itself
+LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
+RANGE_WEIGHT = 100.0  # of mean squares of gray values
+SPREAD = 0.3  # standard deviation of the samples' initial noise, in 0…1, so that they differ in all that is left open
+ENOUGH = 90  # evaluations of a sample that remove so much noise; with fewer it begins with less
+SMOOTHING = 0.9  # pixels: the samples agree on coarser structures only
+CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and of what is expected for unsigned descriptors, before details
+BY_PRIOR = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
+BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where a second prior adds details
+MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
+SHARE = 0.4  # of a GPU's free memory, instead
+VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
+GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
 
 def reconstruct(
@@ -104,8 +136,6 @@ def reconstruct(
     )
     start = check_images("start", start, targets, size, spec)
     targets = targets.detach()
-    if watch is not None:
-        watch = _in_dialect(watch, spec)
     if published is not None:
         result = reconstruct_as_published(
             targets, spec, size, published, seed=seed, start=start, progress=progress, watch=watch
@@ -136,94 +166,123 @@ def reconstruct(
     return of_the_kind(replace(result, seconds=time.perf_counter() - began), descriptor)
 
 
-def _in_dialect(watch: Watch, spec: HOGSpec) -> Watch:
-    """``watch`` with images of ``spec``, not of the dialect that is searched with (:func:`.histograms.searchable`)."""
-    return lambda now: watch(replace(now, spec=spec))
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Pre-images of each descriptor that differ in what it leaves open.
-
-    Attributes:
-        image: (B, K, 1, H, W) in 0…1.
-        distance: (B, K), as in :class:`.reconstruction.Reconstruction`.
-        agreement: (B,) in 0…1, the mean over all pairs of two samples of the magnitude of their correlation, which is
-            the same for a sample and its negative.
-    """
-
-    image: Tensor
-    distance: Tensor
-    agreement: Tensor
-
-
-def reconstruct_samples(
-    descriptor: Tensor,
-    spec: HOGSpec | str,
-    image_size: Sequence[int] | None = None,
+def search_preimages(
+    targets: Tensor,
+    dialect: HOGSpec,
+    size: tuple[int, int],
     *,
-    count: int = 4,
-    prior: PriorChoice = "default",
     quality: QualityName = "best",
-    seed: int = 0,
-    search: Search = Search(),
-    objective: Objective = Objective(),
-    progress: Callable[[int, int], None] | None = None,
-) -> Samples:
-    """Several pre-images of each unsigned descriptor, each near another draw from the prior.
+    seed: int,
+    start: Tensor | None = None,
+    expected: Tensor | None = None,
+    learned: Priors | None = None,
+    search: Search,
+    objective: Objective,
+    fix_polarity: bool = True,
+    progress: Callable[[int, int], None] | None,
+    watch: Watch | None = None,
+) -> Reconstruction:
+    """The search of :func:`reconstruct`, for valid arguments.
 
-    See :meth:`.learned.LearnedPrior.samples`.  The polarity of a sample is drawn, too: where the prior is 70 % sure of
-    it, three samples of ten are negatives.
-
-    Args:
-        descriptor: (B, rows, cols, channels), float32 or float64, on any device.
-        spec: the dialect that made it, or the name of a preset with its defaults.
-        image_size: (height, width); by default whole cells.
-        count: K, samples of each descriptor, at least 2.
-        prior: a network trained for unsigned descriptors; by default the one that comes with the package.
-        quality, search, objective, progress: as in :func:`reconstruct`, for each sample.
-        seed: of the draws; the same for every descriptor of the batch.
-
-    Raises:
-        TypeError: the descriptor is no float32 or float64 tensor, or there is no prior.
-        ValueError: as :func:`reconstruct`; the prior is for signed descriptors; ``count`` is below 2.
-        FileNotFoundError: the default prior is not installed.
-
-    >>> descriptor = nablahog.hog(torch.rand(1, 1, 64, 64), "paper")
-    >>> samples = nablahog.invert.reconstruct_samples(descriptor, "paper", count=2, quality="fast")
-    >>> samples.image.shape, samples.agreement.shape
-    (torch.Size([1, 2, 1, 64, 64]), torch.Size([1]))
+    ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` gives the details and the
+    confidence in the polarity; its expected image is passed as ``expected``.  With ``fix_polarity``, of the image for
+    an unsigned descriptor and its negative the likelier one is returned.
     """
-    if count < 2:
-        raise ValueError(f"expected at least 2 samples, got {count}")
-    spec = as_spec(spec)
-    learned = as_priors(prior, spec)
-    if learned is None:
-        raise TypeError("prior must be a LearnedPrior, a list of these or 'default', got None")
-    size = check_descriptor(descriptor, spec, image_size)
-    descriptor = descriptor.detach()
-    result = search_preimages(
-        descriptor.repeat_interleave(count, dim=0),
-        spec,
-        size,
-        quality=quality,
-        seed=seed,
-        expected=learned.own.samples(descriptor, spec, size, count, seed=seed).flatten(0, 1),
-        learned=learned,
-        search=search,
-        objective=objective,
-        fix_polarity=False,
-        progress=progress,
-    )
-    image = result.image.reshape(-1, count, 1, *size)
-    return Samples(image, result.distance.reshape(-1, count), _agreement(image))
+    spec = searchable(dialect)
+    draws = expected is None and (spec.signed or start is not None)
+    plan = _plan(spec, quality, seed, search, objective, draws, learned)
+    vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and targets.device.type != "cpu")
+    of_one = plan.samples * vectors * size[0] * size[1] * targets.element_size()
+    at_once = max(1, memory_for(targets.device, MEMORY, SHARE) // of_one)
+    searches, images = [], []
+    for part, report in parts(len(targets), at_once, progress):
+        own = [prior.of(part) for prior in plan.priors]
+        budget = plan.max_evaluations
+        made = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
+        searches.append(made)
+        own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
+        images.append(_preimages(made, own_start, own_expected, plan))
+    image = to_unit_range(torch.cat(images), spec)
+    confidence = None if learned is None or spec.signed else learned.own.polarity_confidence(image, targets, dialect)
+    if fix_polarity and not spec.signed:
+        negative, confidence = negatives(image, confidence)
+        image = negated(image, negative)
+    if dialect.gamma == "sqrt":
+        image = image.square()
+    return replace(found(image, targets, dialect, searches), polarity_confidence=confidence)
 
 
-def _agreement(images: Tensor) -> Tensor:
-    """Images (B, K, 1, H, W) to the mean magnitude of the correlations of two of K, (B,); 0 for flat images."""
-    pixels = images.flatten(2)
-    pixels = pixels - pixels.mean(dim=2, keepdim=True)
-    size = pixels.norm(dim=2, keepdim=True)
-    pixels = pixels / torch.where(size > 0, size, 1)
-    one, other = torch.triu_indices(images.shape[1], images.shape[1], offset=1)
-    return (pixels[:, one] * pixels[:, other]).sum(dim=2).abs().mean(dim=1)
+class _Plan(NamedTuple):
+    """The options of a reconstruction, with all defaults filled in; ``samples`` is 1 where none are drawn."""
+
+    seed: int
+    max_evaluations: int
+    samples: int
+    on_histograms: int
+    closeness: float
+    closeness_to_details: float
+    priors: tuple[Prior, ...]
+    details: LearnedPrior | None
+
+
+def _plan(
+    spec: HOGSpec,
+    quality: QualityName,
+    seed: int,
+    search: Search,
+    objective: Objective,
+    draws: bool,
+    learned: Priors | None,
+) -> _Plan:
+    effort = quality_of(quality)
+    samples = (search.samples or effort.samples) if draws else 1
+    most = search.max_evaluations or (effort.evaluations if samples > 1 else effort.without_samples)
+    of_signed = CLOSENESS if learned is None else BY_PRIOR
+    closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    if objective.closeness is not None:
+        closeness = to_details = objective.closeness
+    smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
+    gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
+    priors = (*smoothness, *gray_values, *objective.priors)
+    details = None if learned is None else learned.details
+    return _Plan(seed, most, samples, effort.on_histograms, closeness, to_details, priors, details)
+
+
+def _preimages(search: PreimageSearch, start: Tensor | None, expected: Tensor | None, plan: _Plan) -> Tensor:
+    """Images (B, 1, H, W) that have the descriptors, of any contrast."""
+    spec, details = search.spec, plan.details
+    votes = recover_histograms(search.descriptor, spec, search.size, max_evaluations=plan.on_histograms)
+    if expected is None and start is None and not spec.signed:
+        expected = starting_images(votes, spec, *search.size, 1, plan.seed)[:, 0]
+    if expected is None:
+        start, expected = _mean_of_samples(search, votes, start, plan)
+    else:
+        start, expected = near_expected(votes, spec, start, expected, plan.seed)
+    if details is None:
+        return search.match(start.unsqueeze(1), None, search.left(), expected, plan.closeness)[:, 0]
+    budget = max(1, round(BEFORE_DETAILS * search.left()))
+    image = search.match(start.unsqueeze(1), None, budget, expected, plan.closeness)[:, 0]
+    directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
+    signed = hog(to_unit_range(image, directed), directed)
+    expected = at_contrast(details.expected(signed, directed, search.size), votes, spec)
+    return search.match(expected.unsqueeze(1), None, search.left(), expected, plan.closeness_to_details)[:, 0]
+
+
+def _mean_of_samples(
+    search: PreimageSearch, votes: Tensor, start: Tensor | None, plan: _Plan
+) -> tuple[Tensor, Tensor | None]:
+    """Start and expected image: the mean of samples with the histograms ``votes``; a single one is only a start."""
+    spec, size = search.spec, search.size
+    evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
+    count = max(1, min(plan.samples, evaluations // LEAST_EVALUATIONS))
+    spread = NOISE if count == 1 else SPREAD * min(1, evaluations // count / ENOUGH)
+    if start is None:
+        starts = starting_images(votes, spec, *size, count, plan.seed, spread)
+    else:
+        grain = in_pairs(votes, *size, count, plan.seed, spread)
+        starts = at_contrast(start, votes, spec).unsqueeze(1) + grain
+    mean = search.match(starts, votes, evaluations // count).mean(dim=1)
+    if count == 1:
+        return mean, None
+    mean = low_pass(mean, SMOOTHING)
+    return mean, mean

@@ -1,18 +1,44 @@
-"""The base of learned priors' networks."""
+"""Networks of learned priors: what they share, and the one for signed descriptors.
+
+It goes from the histograms of cells to the most likely image.  Its inputs are the histograms recovered from a
+descriptor, their UoCTTI descriptor, and the image that they integrate to (:mod:`.histograms`), to which it predicts a
+correction.  Images are normalised to about unit variance, and enlarged or shrunk to cells of :data:`CELL` pixels: the
+statistics of photographs hardly depend on scale.
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
+import torch
 from torch import Tensor, nn
-from torch.nn.functional import gelu
+from torch.nn.functional import gelu, interpolate, pad, pixel_shuffle, pixel_unshuffle
 
+from ..hog import presets
 from ..hog.spec import HOGSpec
+from ..hog.steps import normalize_reference
+from .histograms import (
+    at_nominal_contrast,
+    cells_in_bins,
+    integrate,
+    mean_gradient,
+    recover_histograms,
+    searchable,
+)
 
 MOMENTUM = 0.02  # of the running means and variances of channels
 HISTOGRAM_EVALUATIONS = 60  # of the normaliser, to recover histograms; enough for a network, the search uses more
+
+CELL = 8  # pixels of a cell in the network's images, along each axis
+FINER = 2  # pixels of these for one at the network's last resolution
+BINS = 18  # of 20° each
+SPEC = presets.uoctti(CELL)  # of its inputs
+FLAT = 0.01 * SPEC.value_range  # standard deviation below which an image counts as flat
+_DESCRIPTOR, _VOTES = 5.0, 3.84  # factors of descriptor entries and of votes per pixel, to about 1
+_CHANNELS = BINS + SPEC.channels + CELL**2
 
 
 @dataclass(frozen=True)
@@ -42,14 +68,9 @@ class Architecture:
 
 
 class PriorNetwork(nn.Module, ABC):
-    """A network from descriptors to images, made from an :class:`Architecture`.
+    """A network from descriptors to images, made from an :class:`Architecture`."""
 
-    Attributes:
-        KIND: of its descriptors.
-        DEFAULT: its default architecture.
-    """
-
-    KIND: ClassVar[str]
+    KIND: ClassVar[str]  # of its descriptors
     DEFAULT: ClassVar[Architecture]
 
     @abstractmethod
@@ -62,6 +83,23 @@ class PriorNetwork(nn.Module, ABC):
         resolutions = len(cls.DEFAULT.widths)
         if len(architecture.widths) != resolutions:
             raise ValueError(f"a prior for {cls.KIND} descriptors has {resolutions} widths, got {architecture.widths}")
+
+    @staticmethod
+    @abstractmethod
+    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+        """Histograms (B, colours · bins, rows, cols) of images (height, width) in the bins of the network."""
+
+    @staticmethod
+    @abstractmethod
+    def mirrored(votes: Tensor) -> Tensor:
+        """The network's histograms of the images flipped from left to right."""
+
+    @classmethod
+    def recovered(cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins."""
+        spec = searchable(spec)
+        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        return votes, cls.cell_votes(votes, spec, size)
 
     @abstractmethod
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
@@ -87,3 +125,84 @@ def set_to_zero(layer: nn.Module) -> None:
     """Sets its weights to 0, before training."""
     for weights in layer.parameters():
         nn.init.zeros_(weights)
+
+
+@torch.no_grad()
+def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
+    """The network's inputs for histograms (B, 18, R, C) as of :meth:`SignedNetwork.cell_votes`, of any scale.
+
+    Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the integral
+    (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
+    """
+    size = CELL * votes.shape[2], CELL * votes.shape[3]
+    votes = at_nominal_contrast(votes, SPEC, size)
+    integral = integrate(*mean_gradient(votes, SPEC, *size))
+    contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT)
+    integral = (integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast
+    of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
+    entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
+    return torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1), integral
+
+
+class SignedNetwork(PriorNetwork):
+    """From :func:`network_inputs` to images (B, 1, 8R, 8C); before training, the integrals.
+
+    Residual blocks at the resolution of cells, and after each of two doublings, 1x1 convolutions from one pixel to
+    four; a last doubling gives pixels.  2.2 million weights by default.
+    """
+
+    KIND = "signed"
+    DEFAULT = Architecture((128, 64, 32), (5, 6, 3))
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__(architecture)
+        widths = architecture.widths
+        self.gain = nn.Parameter(torch.ones(1))
+        self.inp = nn.Conv2d(_CHANNELS, widths[0], 3, padding=1)
+        body: list[nn.Module] = []
+        for level, (width, blocks) in enumerate(zip(widths, architecture.blocks, strict=True)):
+            body += [ResidualBlock(width) for _ in range(blocks)]
+            if level + 1 < len(widths):
+                body += [nn.Conv2d(width, 4 * widths[level + 1], 1), nn.PixelShuffle(2)]
+        self.body = nn.Sequential(*body)
+        self.out = nn.Conv2d(widths[-1], FINER**2, 3, padding=1)
+        set_to_zero(self.out)
+
+    @staticmethod
+    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+        """(B, 18, R, C), bins centred at 0°, 20°, …"""
+        return cells_in_bins(votes, spec, size, BINS, 0.0, 2 * math.pi)
+
+    @staticmethod
+    def mirrored(votes: Tensor) -> Tensor:
+        """θ becomes π - θ."""
+        return votes[:, [(BINS // 2 - k) % BINS for k in range(BINS)]].flip(3)
+
+    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """The mean of the predictions for the image and for its mirror image."""
+        votes, cells = self.recovered(descriptor, spec, size)
+        images = (self._image(cells) + self._image(self.mirrored(cells)).flip(3)) / 2
+        return _resized(images, spec.cell_size, size), votes
+
+    def _image(self, votes: Tensor) -> Tensor:
+        image: Tensor = self(*network_inputs(votes))
+        return image
+
+    def forward(self, cells: Tensor, integral: Tensor) -> Tensor:
+        """Images of about zero mean and unit variance."""
+        correction: Tensor = self.out(self.body(self.inp(cells)))
+        return self.gain * integral + pixel_shuffle(correction.float(), FINER)
+
+
+def _resized(images: Tensor, cell_size: tuple[int, int], size: tuple[int, int]) -> Tensor:
+    """Images of cells of :data:`CELL` pixels to images (height, width) of cells of ``cell_size``.
+
+    Pixels beyond the last cell repeat the last row or column.
+    """
+    whole = [n // CELL * side for n, side in zip(images.shape[2:], cell_size, strict=True)]
+    if list(images.shape[2:]) != whole:
+        images = interpolate(images, size=whole, mode="bicubic", align_corners=False, antialias=True)
+    height, width = size
+    images = images[..., :height, :width]
+    bottom, right = height - images.shape[2], width - images.shape[3]
+    return pad(images, (0, right, 0, bottom), mode="replicate") if bottom or right else images

@@ -24,7 +24,6 @@ from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 
 ROUNDING = 0.05  # of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
-EPSILON = 1e-3  # of the powers of total variation, a quarter of the step between two 8-bit levels
 
 _REALS = native.array(np.float32, np.float64)
 _smoothness = native.function("smoothness", c_bool, *[c_int64] * 3, *[c_double] * 2, *[_REALS] * 3)
@@ -131,30 +130,6 @@ class RelativeSmoothness(Prior):
 
 
 @dataclass(frozen=True)
-class TotalVariation(Prior):
-    """Σ (dx² + dy²)^(β/2) of Mahendran & Vedaldi (CVPR 2015), dx and dy to the next pixel, 0 at the far edge.
-
-    A power |d|^β is computed as d²·(d² + ε²)^((β-2)/2), a parabola with finite derivatives below ε = 0.001.
-
-    Attributes:
-        beta: β, at least 1; 2 in their inversions of HOG, 1 is total variation.
-    """
-
-    beta: float = 2.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.beta < float("inf"):
-            raise ValueError(f"beta must be a finite number of at least 1, got {self.beta}")
-
-    def terms(self, image: Tensor) -> Tensor:
-        dx = torch.diff(image, dim=-1, append=image[..., -1:])
-        dy = torch.diff(image, dim=-2, append=image[..., -1:, :])
-        power = (dx.square() + dy.square() + EPSILON**2).pow((self.beta - 2) / 4)
-        return torch.cat([(d * power).flatten(1) for d in (dx, dy)], dim=1)
-
-
-@dataclass(frozen=True)
 class Range(Prior):
     """Mean squared excess of gray values over 0…1: where the descriptor fixes the contrast, no image exceeds them."""
 
@@ -167,18 +142,13 @@ class Range(Prior):
 class CoarserDescriptor(Prior):
     """‖φ(Î') - φ(I')‖² / ‖φ(I')‖², where I' is I at a coarser scale: each pixel is the mean of those it covers.
 
-    0 where I' has no texture, so that φ(I') = 0.
-
-    Attributes:
-        descriptor: (B, rows, cols, channels), φ(I').
-        spec: its dialect, as :func:`.histograms.searchable` gives it.  Where the unknown is the root of an image, roots
-            are averaged instead of gray values, an approximation.
-        factor: pixels covered by a pixel of I', along each axis.
+    0 where I' has no texture, so that φ(I') = 0.  Where the unknown is the root of an image, roots are averaged instead
+    of gray values, an approximation.
     """
 
-    descriptor: Tensor
-    spec: HOGSpec
-    factor: int
+    descriptor: Tensor  # (B, rows, cols, channels), φ(I')
+    spec: HOGSpec  # its dialect, as :func:`.histograms.searchable` gives it
+    factor: int  # pixels covered by a pixel of I', along each axis
 
     def terms(self, image: Tensor) -> Tensor:
         cells = histograms(avg_pool2d(image, self.factor), self.spec)

@@ -44,17 +44,11 @@ class NetworkLearning(Learning):
 
     @property
     def summary(self) -> str:
-        """In a few words."""
         return f"{len(self.images)} images, {self.epochs} epochs, last loss {self.losses[-1]:.4f}"
 
 
 def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) -> list[str]:
-    """The names of photographs to learn from, sorted.
-
-    Raises:
-        ValueError: there are none, or one is not (H, W), float32, in 0…1, or has fewer than ``least`` (height, width)
-            pixels.
-    """
+    """The names of photographs to learn from, sorted; ValueError unless all have at least ``least`` (height, width)."""
     if not images:
         raise ValueError("expected images to learn from, got none")
     for name, image in sorted(images.items()):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -19,14 +20,13 @@ from torch import Tensor
 from ..hog.descriptor import histograms_jvp, steps
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from ..optimize import History, StopReason, dogleg
+from ..optimize import dogleg
 from ..runtime.pytorch import memory_for
-from .cosine import from_cosines, to_cosines
-from .histograms import searchable
-from .options import AsPublished
+from .arguments import AsPublished
+from .histograms import noise, searchable
 from .priors import differences
-from .reconstruction import Iterate, Reconstruction, Watch, as_returned, relative_distance, share_of
-from .start import noise
+from .reconstruction import Account, Reconstruction, Watch, as_returned, found, parts
+from .unknowns import from_cosines, to_cosines
 
 SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, where the descriptor leaves the contrast
 # open: with so little noise the smoothness of the start weighs as much as its distance
@@ -57,21 +57,10 @@ def reconstruct_as_published(
     progress: Callable[[int, int], None] | None = None,
     watch: Watch | None = None,
 ) -> Reconstruction:
-    """Images whose HOG is the given descriptor, by the paper's search.
+    """Images whose HOG is the given descriptor, by the paper's search: as :func:`.preimage.reconstruct`, once checked.
 
-    Args:
-        descriptor: (B, rows, cols, channels), float32 or float64.
-        spec: the dialect that made it.
-        size: (height, width) of the images.
-        options: of the search.
-        seed: of the noise, the same for every image.
-        start: (B, 1, H, W) in 0…1, initial images; by default noise.  Where the descriptor leaves the contrast open,
-            they get the contrast of the noise: against a strong contrast the smoothness would count for more.
-        progress: called with the iterations done and the most there can be.
-        watch: called after each iteration.
-
-    Raises:
-        ValueError: as :func:`.histograms.searchable`.
+    Where the descriptor leaves the contrast open, images ``start`` get the contrast of the noise: against a strong
+    contrast the smoothness would count for more.
     """
     began = time.perf_counter()
     batch, height, width = len(descriptor), *size
@@ -80,28 +69,16 @@ def reconstruct_as_published(
     first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
     pixel = NUMBERS * descriptor.element_size()
     at_once = max(1, memory_for(descriptor.device, AT_ONCE * pixel, SHARE) // (pixel * height * width))
-    parts = [slice(begin, begin + at_once) for begin in range(0, batch, at_once)]
-    searches = [
-        _Search(descriptor[part], searchable(spec), size, smoothness_for(options, spec), options, watch, part)
-        for part in parts
-    ]
-    for number, (part, search) in enumerate(zip(parts, searches, strict=True)):
-        search.run(first[part], share_of(progress, number, len(parts)))
-    length = max(int(search.evaluations.max()) for search in searches)
+    searches = []
+    for part, report in parts(batch, at_once, progress):
+        searches.append(_Search(descriptor[part], spec, size, options, watch, part))
+        searches[-1].run(first[part], report)
     image = as_returned(torch.cat([search.image for search in searches]), spec)
     iterates = None
     if options.keep_iterates:
         kept = torch.cat([search.iterates.flatten(0, 1) for search in searches])
         iterates = as_returned(kept, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
-    return Reconstruction(
-        image,
-        relative_distance(image, descriptor, spec),
-        [reason for search in searches for reason in search.stop_reason],
-        torch.cat([search.history.filled(length) for search in searches], dim=1),
-        torch.cat([search.evaluations for search in searches]),
-        time.perf_counter() - began,
-        iterates,
-    )
+    return replace(found(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates)
 
 
 def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
@@ -116,36 +93,26 @@ def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where((start == start[..., :1, :1]).flatten(1).all(dim=1).reshape(-1, 1, 1, 1), grain, centred)
 
 
-class _Search:
-    """The minimisation of a part of a batch.
+class _Search(Account):
+    """The minimisation of a part of a batch.  Gray values are around 0: a small contrast would be rounded at 0.5.
 
-    Attributes:
-        image: (B, 1, H, W), the current ones.  Gray values are around 0: a small contrast would be rounded at 0.5.
-        iterates: (B, iterations + 1, 1, H, W), the images after each iteration, from the start on, if they are kept; a
-            search that has ended repeats its last.
-        evaluations: (B,) int64, spent so far.
-        history: of distances.
-        stop_reason: why each image's minimisation ended.
+    Iterates (B, iterations + 1, 1, H, W) begin with the start; a search that has ended repeats its last.
     """
 
     def __init__(
         self,
         descriptor: Tensor,
-        spec: HOGSpec,
+        dialect: HOGSpec,
         size: tuple[int, int],
-        smoothness: float,
         options: AsPublished,
         watch: Watch | None,
         part: slice,
     ) -> None:
-        self.objective = PublishedObjective(descriptor, spec, size, smoothness)
-        self.options, self.watch, self.part = options, watch, part
-        self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
-        self.history = History(len(descriptor))
-        self.stop_reason: list[StopReason] = []
+        super().__init__(descriptor, dialect, watch, part)
+        self.options, smoothness = options, smoothness_for(options, dialect)
+        self.objective = PublishedObjective(descriptor, searchable(dialect), size, smoothness)
 
     def run(self, start: Tensor, progress: Callable[[int, int], None] | None) -> None:
-        """From images (B, 1, H, W) around 0 on."""
         options, self.image = self.options, start
         if options.keep_iterates:
             self.iterates = start.unsqueeze(1).repeat(1, options.iterations + 1, 1, 1, 1)
@@ -180,8 +147,7 @@ class _Search:
             progress(int(iterations.max()), most)
         if self.watch is not None:
             self.image = self.image.index_copy(0, index, images)
-            distance, spec = self.objective.distance, self.objective.spec
-            self.watch(Iterate(self.part, self.evaluations, distance, self.image.unsqueeze(1), spec))
+            self.show(self.objective.distance, self.image.unsqueeze(1))
 
 
 class PublishedObjective:
@@ -189,12 +155,6 @@ class PublishedObjective:
 
     HOG ignores the brightness: the unknowns are gray values around 0.  A :class:`~nablahog.optimize.Linearizable`
     problem.
-
-    Args:
-        descriptor: (B, rows, cols, channels), φ(I).
-        spec: the dialect.
-        size: (height, width) of the images.
-        smoothness: ξ.
 
     Attributes:
         distance: (B,), ‖φ(I) - φ(Î)‖ / ‖φ(I)‖, at the points evaluated last.
@@ -208,7 +168,6 @@ class PublishedObjective:
         self.histograms, self.normalize = steps(descriptor.device, spec)
 
     def images(self, points: Tensor) -> Tensor:
-        """Points (A, H·W) to images (A, 1, H, W)."""
         return points.reshape(-1, 1, *self.size)
 
     def of_neighbours(self, images: Tensor) -> Tensor:
@@ -226,13 +185,11 @@ class PublishedObjective:
         return value.detach(), gradient
 
     def residuals(self, points: Tensor, index: Tensor) -> Tensor:
-        """Points (A, H·W) to residuals (A, M) whose squares sum to the values."""
         images = self.images(points)
         difference = normalize_reference(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
         return torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1)
 
     def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
-        """J at the points (A, H·W)."""
         return PublishedJacobian(self, points)
 
 
@@ -240,9 +197,6 @@ class PublishedJacobian:
     """The Jacobians of :class:`PublishedObjective` at points (A, H·W), the products of those of its steps.
 
     The jvp of the normaliser is its double vjp, on the cells alone, whose graph is kept.
-
-    Attributes:
-        size: M, the number of residuals.
     """
 
     def __init__(self, objective: PublishedObjective, points: Tensor) -> None:
@@ -262,13 +216,11 @@ class PublishedJacobian:
 
     @torch.no_grad()
     def jvp(self, vectors: Tensor) -> Tensor:
-        """J·v: (A, H·W) to (A, M)."""
         images = self._objective.images(vectors)
         return torch.cat([self._hog_jvp(images).flatten(1), self._objective.of_neighbours(images)], dim=1)
 
     @torch.no_grad()
     def vjp(self, vectors: Tensor) -> Tensor:
-        """Jᵀ·v: (A, M) to (A, H·W)."""
         of_hog, of_neighbours = torch.split(vectors, self._lengths, dim=1)
         grad_descriptor = of_hog.reshape(self._descriptor.shape)
         (grad_cells,) = torch.autograd.grad(self._descriptor, self._leaf, grad_descriptor, retain_graph=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias
 
@@ -17,8 +17,7 @@ from typing_extensions import TypeVar
 from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors, to_array
 from ..hog.spec import HOGSpec
-from ..optimize import StopReason
-from .objective import squared_norm
+from ..optimize import History, StopReason
 
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 SHOWN = 4  # images of a batch, in a notebook and with their distances
@@ -43,7 +42,7 @@ class Reconstruction(Generic[Values]):
             Jacobian or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
-            :class:`.options.AsPublished` asks for them.
+            :class:`.arguments.AsPublished` asks for them.
         polarity_confidence: (B,) in 0…1, the probability that the image is no negative, by a learned prior for unsigned
             descriptors; None without one.
 
@@ -86,6 +85,11 @@ class Reconstruction(Generic[Values]):
                 f'<img src="data:image/png;base64,{png}" width="{width}" height="{height}" alt="pre-image">'
             )
         return f"<p>{' '.join(pictures)}</p><p>{html.escape(repr(self))}</p>"
+
+
+def squared_norm(x: Tensor) -> Tensor:
+    """‖x‖² of each row of a batch (B, …), at least the smallest positive number, to divide by."""
+    return x.square().flatten(1).sum(1).clamp(min=torch.finfo(x.dtype).tiny)
 
 
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
@@ -170,6 +174,42 @@ def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Iterate:
 
 Watch: TypeAlias = Callable[[Iterate], None]
 """Called after each round of evaluations; an exception that it raises ends the search."""
+
+
+class Account:
+    """What the search of a part of a batch has spent and reached: evaluations (B,), distances, reasons to stop."""
+
+    def __init__(self, descriptor: Tensor, dialect: HOGSpec, watch: Watch | None, part: slice) -> None:
+        self.descriptor, self.dialect, self.watch, self.part = descriptor, dialect, watch, part
+        self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
+        self.history = History(len(descriptor))
+        self.stop_reason: list[StopReason] = []
+
+    def show(self, distance: Tensor, candidates: Tensor) -> None:
+        if self.watch is not None:
+            self.watch(Iterate(self.part, self.evaluations, distance, candidates, self.dialect))
+
+
+def found(image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[Account]) -> Reconstruction:
+    """The result of the searches of all parts, its images (B, 1, H, W) in 0…1; to be completed."""
+    length = max(int(search.evaluations.max()) for search in searches)
+    return Reconstruction(
+        image,
+        relative_distance(image, descriptor, spec),
+        [reason for search in searches for reason in search.stop_reason],
+        torch.cat([search.history.filled(length) for search in searches], dim=1),
+        torch.cat([search.evaluations for search in searches]),
+        seconds=0.0,
+    )
+
+
+def parts(
+    count: int, at_once: int, progress: Callable[[int, int], None] | None
+) -> Iterator[tuple[slice, Callable[[int, int], None] | None]]:
+    """A batch in parts of at most ``at_once``, each with its share of ``progress``."""
+    number = -(-count // at_once)
+    for k in range(number):
+        yield slice(k * at_once, (k + 1) * at_once), share_of(progress, k, number)
 
 
 def share_of(progress: Callable[[int, int], None] | None, number: int, count: int) -> Callable[[int, int], None] | None:

@@ -25,7 +25,7 @@ None is certain.  Each cue is a number that changes its sign with the image; the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -51,18 +51,14 @@ LEAST_SHARE = 0.02  # of the patches: with fewer flat ones the cue is 0
 WEIGHTS = (3.0, 2.0, 0.8, 0.5)  # of the cues, chosen on exact photographs
 
 
-@dataclass(frozen=True)
-class SignedCells:
-    """Images of one gray value a cell, for :data:`ROUNDINGS` choices K of signs.
+class SignedCells(NamedTuple):
+    """Images of one gray value a cell, in the units of the votes, for :data:`ROUNDINGS` choices K of signs.
 
-    Attributes:
-        images: (B, K, rows, cols), in the units of the votes, in order of energy, the least first; each of zero mean,
-            and with the sign that correlates with the first.
-        energy: (B, K), sᵀQs.
+    They are in order of energy, each of zero mean, and with the sign that correlates with the first.
     """
 
-    images: Tensor
-    energy: Tensor
+    images: Tensor  # (B, K, rows, cols)
+    energy: Tensor  # (B, K), sᵀQs
 
 
 def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
@@ -73,12 +69,13 @@ def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
         even = pad(votes, (0, -cols % halves[1], 0, -rows % halves[0]))
         coarse = signed_cells(avg_pool2d(even, halves), spec, seed)
         images = interpolate(2 * coarse.images, size=even.shape[2:], mode="bilinear", align_corners=False)
-        return SignedCells(_centred(images[..., :rows, :cols]), coarse.energy)
+        images = images[..., :rows, :cols]
+        return SignedCells(images - images.mean(dim=(2, 3), keepdim=True), coarse.energy)
     trust, background = (1.0, 0.0) if spec.cell_size == (1, 1) else (TRUST, BACKGROUND)
     response, energy = _sign_problem(votes.double(), spec, trust, background)
     signs, energies = _round(energy, _relax(energy, seed), seed)
-    images = torch.einsum("bij,bkj->bki", response, signs)
-    images = _centred(images.view(-1, ROUNDINGS, rows, cols))
+    images = torch.einsum("bij,bkj->bki", response, signs).view(-1, ROUNDINGS, rows, cols)
+    images = images - images.mean(dim=(2, 3), keepdim=True)
     agreement = torch.sign((images * images[:, :1]).sum(dim=(2, 3), keepdim=True))
     images = torch.where(agreement < 0, -images, images)
     return SignedCells(images.to(votes), energies.to(votes))
@@ -87,15 +84,11 @@ def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
 def expected_cells(votes: Tensor, spec: HOGSpec, seed: int) -> Tensor:
     """Unsigned histograms (B, bins, rows, cols) to an image of cells (B, rows, cols), in the units of the votes.
 
-    For cells of one pixel it is the sign pattern of least energy.  For larger cells many patterns have nearly the least
-    energy; the result is their mean, which is faint where they disagree.
+    For cells of one pixel it is the sign pattern of least energy, for larger ones, where many have nearly the least,
+    their mean.
     """
     images = signed_cells(votes, spec, seed).images
     return images[:, 0] if spec.cell_size == (1, 1) else images.mean(dim=1)
-
-
-def _centred(images: Tensor) -> Tensor:
-    return images - images.mean(dim=(2, 3), keepdim=True)
 
 
 def dominant_gradient(votes: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:

@@ -8,6 +8,7 @@ them, in the same directions, the stronger the more important they are; and that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -17,9 +18,8 @@ from ..hog.inputs import Descriptors, to_array
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from .checks import check_finite, descriptors_as_tensor
+from .arguments import Objective, Search, check_finite, descriptors_as_tensor
 from .histograms import at_nominal_contrast, searchable
-from .options import Objective, Search
 from .preimage import reconstruct
 from .reconstruction import Reconstruction, of_the_kind, relative_distance, share_of, to_unit_range
 
@@ -55,28 +55,28 @@ def template_descriptor(
     >>> nablahog.reconstruct(descriptor, spec, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
-    descriptor = _template_descriptor(descriptors_as_tensor(weights), as_spec(spec), image_size, negative)
-    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
-
-
-def _template_descriptor(weights: Tensor, spec: HOGSpec, image_size: tuple[int, int] | None, negative: bool) -> Tensor:
-    size = image_size or spec.image_size(*weights.shape[1:3])
-    expected = (*spec.grid(*size), spec.channels)
-    if tuple(weights.shape[1:]) != expected:
+    dialect: HOGSpec = as_spec(spec)
+    given = descriptors_as_tensor(weights)
+    size: tuple[int, int] = image_size or dialect.image_size(*given.shape[1:3])
+    expected = (*dialect.grid(*size), dialect.channels)
+    if tuple(given.shape[1:]) != expected:
         raise ValueError(
-            f"a template for {spec.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
-            f"{expected} (rows, cols, channels), got {tuple(weights.shape[1:])}"
+            f"a template for {dialect.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
+            f"{expected} (rows, cols, channels), got {tuple(given.shape[1:])}"
         )
-    check_finite("the weights", weights)
-    of_bins = spec.normalizer.bin_weights(mean_over_colours(weights.permute(0, 3, 1, 2), spec), spec.bins, spec.signed)
+    check_finite("the weights", given)
+    of_bins = dialect.normalizer.bin_weights(
+        mean_over_colours(given.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
+    )
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
-    histograms = with_margin(histograms, spec)  # cells that the descriptor leaves out have no weights
-    alignment = CellAlignment(spec, size, histograms)
-    histograms = alignment.restore(alignment(histograms)).repeat(1, spec.colours, 1, 1)
-    descriptor = normalize_reference(at_nominal_contrast(histograms, spec, size), spec)
-    return descriptor.permute(0, 2, 3, 1).contiguous()
+    histograms = with_margin(histograms, dialect)  # cells that the descriptor leaves out have no weights
+    alignment = CellAlignment(dialect, size, histograms)
+    histograms = alignment.restore(alignment(histograms)).repeat(1, dialect.colours, 1, 1)
+    descriptor = normalize_reference(at_nominal_contrast(histograms, dialect, size), dialect)
+    descriptor = descriptor.permute(0, 2, 3, 1).contiguous()
+    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
 
 
 def reconstruct_template(
@@ -136,11 +136,11 @@ def _mean(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) 
     images = torch.stack([result.image - result.image.mean(dim=(2, 3), keepdim=True) for result in results])
     alike = (images * images[:1]).sum(dim=(2, 3, 4), keepdim=True)
     image = to_unit_range(torch.where(alike < 0, -images, images).mean(dim=0), spec)
-    return Reconstruction(
-        image,
-        relative_distance(image, descriptor, spec),
-        results[0].stop_reason,
-        torch.cat([result.history for result in results]),
-        torch.stack([result.evaluations for result in results]).sum(dim=0),
-        sum(result.seconds for result in results),
+    return replace(
+        results[0],
+        image=image,
+        distance=relative_distance(image, descriptor, spec),
+        history=torch.cat([result.history for result in results]),
+        evaluations=torch.stack([result.evaluations for result in results]).sum(dim=0),
+        seconds=sum(result.seconds for result in results),
     )

@@ -26,9 +26,7 @@ from .histograms import searchable
 from .learned import LearnedPrior, network_class
 from .prior_network import Architecture
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
-from .signed_training import SignedTraining
-from .training_windows import WindowTraining
-from .unsigned_training import UnsignedTraining
+from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0  # norm
@@ -64,8 +62,8 @@ def train_prior(
 ) -> LearnedPrior:
     """Trains a network on photographs to predict the image to expect for a descriptor.
 
-    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel
-    (:mod:`.signed_training`), for unsigned ones their regions, and their polarity (:mod:`.unsigned_training`).  A prior
+    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel, for
+    unsigned ones their regions, and their polarity (:mod:`.training_windows`).  A prior
     for one signed dialect is for all signed dialects; the same holds for unsigned ones.  One image in 25, in the order
     of their names, is held out.
 
@@ -133,13 +131,10 @@ def train_prior(
         partial(network, architecture),
         training,
         identity,
-        start=None if start is None else start.weights,
-        epochs=epochs,
-        seed=seed,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
-        device=device,
-        half=precision == "bfloat16",
-        progress=progress,
+        None if start is None else start.weights,
+        None if checkpoint is None else Path(checkpoint),
+        device,
+        progress,
     )
     learning = NetworkLearning(
         images=tuple(names),
@@ -156,14 +151,10 @@ def train_prior(
 def _fit(
     make: Callable[[], nn.Module],
     training: WindowTraining,
-    identity: Mapping[str, object],
-    *,
+    identity: Mapping[str, Any],
     start: Tensor | None,
-    epochs: int,
-    seed: int,
     checkpoint: Path | None,
     device: torch.device,
-    half: bool,
     progress: Callable[[int, int, str], None],
 ) -> tuple[Tensor, list[float]]:
     """The weights (n,), float32, on the CPU, after training by AdamW, and the mean loss of each epoch.
@@ -171,7 +162,8 @@ def _fit(
     ``make`` may draw weights from the global generator, which is not changed; ``identity`` names all that the result
     depends on.
     """
-    steps = training.steps
+    steps, epochs, seed = training.steps, identity["epochs"], identity["seed"]
+    half = identity["precision"] == "bfloat16"
     with seeded(seed):
         network = (make() if start is None else with_weights(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
@@ -225,12 +217,7 @@ def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int)
 
 
 def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[str, Any]) -> list[float]:
-    """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs.
-
-    Raises:
-        ValueError: it is damaged, or of another training.
-        OSError: it cannot be read.
-    """
+    """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs."""
     if path is None or not path.exists():
         return []
     check_file(path, "a checkpoint of a training")

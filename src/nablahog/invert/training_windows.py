@@ -1,4 +1,4 @@
-"""Windows of photographs, to train the networks of priors on."""
+"""Windows of photographs, with their votes, to train the networks of priors on, and the losses."""
 
 from __future__ import annotations
 
@@ -6,41 +6,49 @@ import math
 import random
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from torch import Tensor
-from torch.nn.functional import interpolate
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, interpolate, mse_loss, softplus
+
+from ..hog import presets
+from ..hog.descriptor import histograms, hog
+from ..hog.spec import HOGSpec
+from .histograms import recover_histograms
+from .prior_network import HISTOGRAM_EVALUATIONS, SignedNetwork, network_inputs
+from .unsigned_network import FINER, UnsignedNetwork, normalised
 
 BATCH = 32
 CELL = 8  # pixels of the cells of a window
 HELD_OUT = 25  # one image of so many is not trained with
+LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
+FEWEST = 8  # images held out, to calibrate the confidence
+
+SHRUNK = 0.5  # share of signed windows that are shrunk, where photographs are large enough
+STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
+UOCTTI, VLFEAT, DPM = presets.uoctti(CELL), presets.vlfeat(cell_size=CELL), presets.dpm(CELL)
+PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
+
+LEAST_SIDE, LARGE = 0.5, 0.6  # side of unsigned windows, relative to the largest possible; the share of that size
+TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows, degrees, and logarithm of the change of proportions
+UP_TO_SIGN = 0.75  # share of the regions' loss that is the same for an image and its negative
+PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
+LOSSY = [OPENCV, MASKFEAT]  # descriptors do not determine histograms: values are clipped, cells lose contrast
 
 
 class WindowTraining(ABC):
     """The batches of windows and the loss of a training, with one window of each image in an epoch.
 
     Everything random depends only on the seed and the epoch, so that an interruption does not change it.
-
-    Args:
-        images: (H, W) each, float32 in 0…1.
-        seed: of everything random.
-
-    Attributes:
-        default_crops: of all epochs, by default.
-        learning_rate: the largest.
-        weight_decay: of AdamW.
-        grids: sizes of a window in cells; each batch has one of them.
-        gamma: the largest logarithm of the exponent of gray values.
-        held_out: images that are not trained with.
-        steps: of an epoch.
-        crops: of an epoch.
     """
 
-    default_crops: int
-    learning_rate: float
-    weight_decay: float
-    grids: Sequence[tuple[int, int]]
-    gamma: float
+    default_crops: int  # of all epochs
+    learning_rate: float  # the largest
+    weight_decay: float  # of AdamW
+    dialects: Sequence[Sequence[HOGSpec]]  # of equal parts of a batch; each batch has one of these lists
+    grids: Sequence[tuple[int, int]]  # cells of the windows of a batch
+    gamma: float  # the largest logarithm of the exponent of gray values
 
     def __init__(self, images: Sequence[Tensor], seed: int) -> None:
         self.held_out = list(images[HELD_OUT // 2 :: HELD_OUT])
@@ -51,7 +59,7 @@ class WindowTraining(ABC):
 
     @abstractmethod
     def loss(self, network: Any, batch: Any) -> Tensor:
-        """The loss of the network for one batch."""
+        """The loss of the network for one batch, the mean over its windows."""
 
     def calibrate(self, network: Any) -> None:
         """Calibrates the confidence of the trained network on the images held out; by default it has none."""
@@ -62,16 +70,26 @@ class WindowTraining(ABC):
         order = random.Random(f"{self.seed} {epoch}").sample(self.images, len(self.images))
         for step in range(self.steps):
             rng = random.Random(f"{self.seed} {epoch} {step}")
-            grid = rng.choice(self.grids)
-            yield self._batch(order[step * BATCH : (step + 1) * BATCH], grid, rng)
-
-    @abstractmethod
-    def _batch(self, images: Sequence[Tensor], grid: tuple[int, int], rng: random.Random) -> Any:
-        """A batch of windows of ``grid`` cells."""
+            grid, specs = rng.choice(self.grids), rng.choice(self.dialects)
+            images = order[step * BATCH : (step + 1) * BATCH]
+            windows = self._changed(torch.cat([self._window(image, grid, rng) for image in images]), rng)
+            parts = zip(windows.chunk(len(specs)), specs, strict=False)
+            yield self._batch(torch.cat([self._votes(part, spec) for part, spec in parts]), windows)
 
     @abstractmethod
     def _scale(self, largest: float, rng: random.Random) -> float:
         """Pixels of the photograph per pixel of the window, along each axis; at most ``largest``."""
+
+    def _changed(self, windows: Tensor, rng: random.Random) -> Tensor:
+        return windows
+
+    @abstractmethod
+    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+        """The network's histograms of windows (B, 1, 8R, 8C)."""
+
+    @abstractmethod
+    def _batch(self, votes: Tensor, windows: Tensor) -> Any:
+        """A batch of histograms and their windows."""
 
     def _window(self, image: Tensor, grid: tuple[int, int], rng: random.Random) -> Tensor:
         """A window (1, 1, 8R, 8C) of an image (H, W): its place, size, mirroring and gamma are random."""
@@ -82,6 +100,159 @@ class WindowTraining(ABC):
         window = resized(image[top : top + rows, left : left + cols], height, width)
         window = window ** math.exp(rng.uniform(-self.gamma, self.gamma))
         return window.flip(3) if rng.random() < 0.5 else window
+
+
+class _SignedBatch(NamedTuple):
+    """The network's inputs, and the windows (B, 1, 8R, 8C)."""
+
+    cells: Tensor
+    integral: Tensor
+    windows: Tensor
+
+
+class SignedTraining(WindowTraining):
+    """For signed descriptors.
+
+    The loss is the mean square error at unit contrast, whose minimum is the mean of all photographs with the
+    histograms, plus half of 1 - SSIM, which makes the image less blurred.  The histograms are recovered from the
+    descriptors of several dialects.
+    """
+
+    default_crops, learning_rate, weight_decay, gamma = 90_000, 2e-3, 1e-3, 0.2
+    dialects = ([UOCTTI, VLFEAT],) * 3 + ([UOCTTI, DPM], [UOCTTI, PIOTR], [DPM, CNN_HOG])
+    # of 128x128 pixels: cells begin anywhere
+    grids = ((15, 15),) * 4 + ((16, 16),) * 2 + ((12, 16), (16, 12), (12, 12), (10, 14))
+
+    def _scale(self, largest: float, rng: random.Random) -> float:
+        """Windows are enlarged only if the photograph is smaller: enlarged windows have no details."""
+        return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK else 1.0)
+
+    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+        return SignedNetwork.recovered(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
+
+    def _batch(self, votes: Tensor, windows: Tensor) -> _SignedBatch:
+        return _SignedBatch(*network_inputs(votes), windows)
+
+    def loss(self, network: nn.Module, batch: _SignedBatch) -> Tensor:
+        windows, image = batch.windows, network(batch.cells, batch.integral)
+        mean = windows.mean(dim=(2, 3), keepdim=True)
+        contrast = windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+        similarity = _ssim(image * contrast + mean, windows)
+        return mse_loss(image, (windows - mean) / contrast) + STRUCTURE * (1 - similarity)
+
+
+def _ssim(a: Tensor, b: Tensor) -> Tensor:
+    """SSIM of images in 0…1 in windows of 7x7 pixels, differentiable, with its usual constants."""
+
+    def window(x: Tensor) -> Tensor:
+        return avg_pool2d(x, 7, 1)
+
+    mean_a, mean_b = window(a), window(b)
+    squares = window(a * a) + window(b * b) - mean_a**2 - mean_b**2
+    products = window(a * b) - mean_a * mean_b
+    alike = (2 * mean_a * mean_b + 1e-4) * (2 * products + 9e-4)
+    return (alike / ((mean_a**2 + mean_b**2 + 1e-4) * (squares + 9e-4))).mean()
+
+
+class _UnsignedBatch(NamedTuple):
+    """Histograms (B, 9, R, C) for the network, and normalised images of two pixels a cell, (B, 1, 2R, 2C)."""
+
+    votes: Tensor
+    images: Tensor
+
+
+class UnsignedTraining(WindowTraining):
+    """For unsigned descriptors.
+
+    A quarter of the regions' loss is the squared error to the image, the rest the smaller of the errors to the image
+    and to its negative: the signs of regions can thus become consistent before the polarity is learned.  The loss of
+    the polarity is the cross entropy of the choice between an image, a mixture of the regions and the true image, and
+    its negative.
+
+    Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
+    """
+
+    default_crops = 300_000  # about an hour and a half on two cores, by the time of a step
+    learning_rate, weight_decay, gamma = 1.2e-3, 0.03, 0.45
+    dialects = ([PAPER, SKIMAGE],) * 3 + ([PAPER, OPENCV], [SKIMAGE, OPENCV], [PAPER, MASKFEAT])
+    grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8))
+
+    def _scale(self, largest: float, rng: random.Random) -> float:
+        return largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
+
+    def _changed(self, windows: Tensor, rng: random.Random) -> Tensor:
+        return _turned(windows, rng)
+
+    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+        """By their histograms or, for lossy dialects, their descriptors."""
+        size = (windows.shape[2], windows.shape[3])
+        if spec in LOSSY:
+            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        else:
+            votes = histograms(windows, spec)
+        return UnsignedNetwork.cell_votes(votes, spec, size)
+
+    def _batch(self, votes: Tensor, windows: Tensor) -> _UnsignedBatch:
+        return _UnsignedBatch(votes, _target(windows))
+
+    def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
+        images, regions = batch.images, network.regions(batch.votes)
+        apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
+        loss: Tensor = ((1 - UP_TO_SIGN) * apart + UP_TO_SIGN * torch.minimum(apart, negative)).mean()
+        answer = normalised(regions.detach())
+        share = torch.rand(len(images), 1, 1, 1, device=images.device)
+        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
+        positive = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
+        known = (torch.rand_like(share) < 0.7).to(answer)  # in the others, the polarity part does not see the regions
+        odds = network.polarity(batch.votes, known * answer, normalised(share * images + (1 - share) * positive))
+        return loss + softplus(-odds).mean()
+
+    @torch.no_grad()
+    def calibrate(self, network: UnsignedNetwork) -> None:
+        """Scales the log-odds of the polarity to maximise the likelihood of the images held out."""
+        if len(self.held_out) < FEWEST:
+            return
+        odds = torch.cat([self._odds(network, image) for image in self.held_out])
+        factors = torch.logspace(-1, 1, 201)
+        likelihood = softplus(-factors[:, None] * odds).mean(dim=1)
+        network.polarity.out.weight *= float(factors[likelihood.argmin()])
+
+    def _odds(self, network: UnsignedNetwork, image: Tensor) -> Tensor:
+        """The log-odds (1,) of the network's prediction for a whole image, negative if its polarity is wrong."""
+        device = network.polarity.out.weight.device
+        window = _whole(image)
+        votes = self._votes(window, PAPER).to(device)
+        regions = network.regions_of(votes)
+        right = (normalised(regions) * _target(window).to(device)).sum(dim=(1, 2, 3))
+        return (network.log_odds(votes, regions, regions) * torch.sign(right)).cpu()
+
+
+def _turned(windows: Tensor, rng: random.Random) -> Tensor:
+    """Windows (B, 1, H, W), some of them rotated and stretched, and mirrored at their borders."""
+    height, width = windows.shape[2:]
+    affine = []
+    for _ in windows:
+        angle = math.radians(rng.uniform(-TURN, TURN))
+        along_x, along_y = (math.exp(sign * rng.uniform(0, STRETCH) / 2) for sign in rng.choice([(1, -1), (-1, 1)]))
+        cos, sin = math.cos(angle), math.sin(angle)
+        rows = [[cos * along_x, -sin * along_y * height / width, 0], [sin * along_x * width / height, cos * along_y, 0]]
+        affine.append(rows if rng.random() < TURNED else [[1, 0, 0], [0, 1, 0]])
+    grid = affine_grid(windows.new_tensor(affine), list(windows.shape), align_corners=False)
+    return grid_sample(windows, grid, padding_mode="reflection", align_corners=False).clamp(0, 1)
+
+
+def _target(windows: Tensor) -> Tensor:
+    """Windows (B, 1, 8R, 8C) in 0…1 to images of two pixels a cell, of unit variance if they are not flat."""
+    small = avg_pool2d(windows, CELL // FINER)
+    small = small - small.mean(dim=(2, 3), keepdim=True)
+    return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+
+
+def _whole(image: Tensor) -> Tensor:
+    """A whole image (H, W), resized to at most 16 cells a side, (1, 1, 8R, 8C)."""
+    shrink = 16 * CELL / max(image.shape)
+    size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
+    return resized(image, size[0], size[1])
 
 
 def resized(image: Tensor, height: int, width: int) -> Tensor:

@@ -5,15 +5,12 @@ backgrounds are even, the sky is bright and above, objects have parts.  So the n
 predicts a coarse one, two pixels a cell along each axis.  The details come from the descriptor.
 
 A second part, the polarity, predicts the probability that an image is the photograph and not its negative.
-
-Inputs are unsigned histograms of any dialect in nine bins, of cells side by side: see :func:`cell_votes`.
 """
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 
 import torch
@@ -22,8 +19,8 @@ from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_sh
 
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import seeded
-from .histograms import cells_in_bins, recover_histograms, searchable
-from .prior_network import HISTOGRAM_EVALUATIONS, Architecture, PriorNetwork, ResidualBlock, set_to_zero
+from .histograms import cells_in_bins
+from .prior_network import Architecture, PriorNetwork, ResidualBlock, set_to_zero
 
 BINS = 9  # of 20° each
 FINER = 2  # pixels of the prediction per cell, along each axis
@@ -37,25 +34,6 @@ DROPOUT = 0.1  # share of channels and units dropped in training, in the layers 
 DRAWN = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
 POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
-
-
-def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
-    """The input (B, 9, R, C) for histograms (B, colours · bins, rows, cols) of images (height, width).
-
-    Bins are centred at 10°, 30°, …, cells are square, and R and C are multiples of :data:`COARSEST`.
-    """
-    tiling = cells_in_bins(votes, spec, size, BINS, 0.5, math.pi)
-    height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
-    side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
-    rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
-    if tiling.shape[2:] == (rows, cols):
-        return tiling
-    return interpolate(tiling, size=(rows, cols), mode="bilinear", align_corners=False, antialias=True)
-
-
-def mirrored_votes(votes: Tensor) -> Tensor:
-    """The histograms (B, 9, R, C) of the images flipped from left to right: 10° becomes 170°."""
-    return votes.flip(1, 3)
 
 
 def compressed(votes: Tensor) -> Tensor:
@@ -160,22 +138,6 @@ class _Polarity(nn.Module):
         return odds.squeeze(1).float()
 
 
-@contextmanager
-def _dropout(network: nn.Module) -> Iterator[None]:
-    """Dropout as in training, with the share :data:`DRAWN`, as a context."""
-    layers = [layer for layer in network.modules() if isinstance(layer, nn.Dropout | nn.Dropout2d)]
-    shares = [layer.p for layer in layers]
-    for layer in layers:
-        layer.p = DRAWN
-        layer.train()
-    try:
-        yield
-    finally:
-        for layer, share in zip(layers, shares, strict=True):
-            layer.p = share
-            layer.eval()
-
-
 class UnsignedNetwork(PriorNetwork):
     """Regions, of the given architecture, and polarity, of a fixed one; 5.3 million weights by default."""
 
@@ -186,9 +148,25 @@ class UnsignedNetwork(PriorNetwork):
         super().__init__(architecture)
         self.regions, self.polarity = _Regions(architecture), _Polarity()
 
+    @staticmethod
+    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+        """(B, 9, R, C), bins centred at 10°, 30°, …; cells are square, R and C are multiples of :data:`COARSEST`."""
+        tiling = cells_in_bins(votes, spec, size, BINS, 0.5, math.pi)
+        height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
+        side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
+        rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
+        if tiling.shape[2:] == (rows, cols):
+            return tiling
+        return interpolate(tiling, size=(rows, cols), mode="bilinear", align_corners=False, antialias=True)
+
+    @staticmethod
+    def mirrored(votes: Tensor) -> Tensor:
+        """10° becomes 170°."""
+        return votes.flip(1, 3)
+
     def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
-        votes, inputs = _votes_and_inputs(descriptor, spec, size)
+        votes, inputs = self.recovered(descriptor, spec, size)
         regions = self.regions_of(inputs)
         images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
@@ -197,43 +175,37 @@ class UnsignedNetwork(PriorNetwork):
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int
     ) -> tuple[Tensor, Tensor]:
         """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
-        votes, inputs = _votes_and_inputs(descriptor, spec, size)
+        votes, inputs = self.recovered(descriptor, spec, size)
         images = [self._drawn(one.unsqueeze(0), count, seed) for one in inputs]
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes
 
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
-        inputs = inputs.expand(count, -1, -1, -1)
+        inputs, network = inputs.expand(count, -1, -1, -1), copy.deepcopy(self.regions)
+        for layer in network.modules():
+            if isinstance(layer, nn.Dropout | nn.Dropout2d):
+                layer.train().p = DRAWN
         with seeded(seed):
-            with _dropout(self.regions):
-                regions = self.regions(inputs)
+            regions = network(inputs)
             likely = torch.sigmoid(self.log_odds(inputs, regions, regions))
-            return torch.where(
-                torch.rand_like(likely).reshape(-1, 1, 1, 1) < likely.reshape(-1, 1, 1, 1), regions, -regions
-            )
+            kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
+        return torch.where(kept, regions, -regions)
 
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
-        _, inputs = _votes_and_inputs(descriptor, spec, (images.shape[2], images.shape[3]))
+        _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]))
         coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
         small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
         return torch.sigmoid(self.log_odds(inputs, self.regions_of(inputs), small))
 
     def regions_of(self, inputs: Tensor) -> Tensor:
         """Coarse images (B, 1, 2R, 2C), the mean over the image and its mirror image."""
-        regions: Tensor = self.regions(inputs) + self.regions(mirrored_votes(inputs)).flip(3)
+        regions: Tensor = self.regions(inputs) + self.regions(self.mirrored(inputs)).flip(3)
         return regions / 2
 
     def log_odds(self, inputs: Tensor, regions: Tensor, images: Tensor) -> Tensor:
         """The log-odds (B,) that coarse images are no negatives, the mean over the image and its mirror image."""
         images = normalised(images)
         odds: Tensor = self.polarity(inputs, regions, images)
-        mirrored: Tensor = self.polarity(mirrored_votes(inputs), regions.flip(3), images.flip(3))
+        mirrored: Tensor = self.polarity(self.mirrored(inputs), regions.flip(3), images.flip(3))
         return (odds + mirrored) / 2
-
-
-def _votes_and_inputs(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """Histograms recovered from descriptors (B, rows, cols, channels), and the network's inputs for them."""
-    spec = searchable(spec)
-    votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-    return votes, cell_votes(votes, spec, size)

@@ -1,9 +1,11 @@
 """Minimisers over batches: each row of the unknowns is a problem of its own, with its own steps and its own stop."""
 
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
 from .dogleg import dogleg
 from .lbfgs import lbfgs
-from .minimisers import Minimiser, minimise
-from .result import (
+from .problems import (
     Accepted,
     History,
     Jacobian,
@@ -15,7 +17,11 @@ from .result import (
     Watch,
 )
 
+Minimiser: TypeAlias = Literal["lbfgs", "dogleg"]
+MINIMISERS: dict[Minimiser, Callable[..., Minimum]] = {"lbfgs": lbfgs, "dogleg": dogleg}
+
 __all__ = [
+    "MINIMISERS",
     "Accepted",
     "History",
     "Jacobian",
@@ -28,5 +34,4 @@ __all__ = [
     "Watch",
     "dogleg",
     "lbfgs",
-    "minimise",
 ]

@@ -2,7 +2,7 @@
 
 The rules are those of Chumpy's ``minimize_dogleg``, which the paper uses: steps, radius, stops and their constants.
 One thing differs: Chumpy solves for the Gauss-Newton step directly, here conjugate gradients do (:mod:`.gauss_newton`),
-as exactly as ``cg_tolerance`` says.  Where the path leaves the trust region, and its radius: :mod:`.trust_region`.
+as exactly as ``cg_tolerance`` says.  The path in the trust region is that of Nocedal & Wright, ch. 4.1.
 
 A round is a step: conjugate gradients of all problems that have moved, in step with each other, then one trial of all
 that run.  What a problem does not do is masked.  A device is waited for once a round, to read which problems have ended
@@ -19,11 +19,21 @@ import torch
 from torch import Tensor
 
 from .gauss_newton import GraphJacobian, NewtonSteps, newton_steps
-from .result import Accepted, Jacobian, LeastSquares, Linearizable, Minimum, ObjectiveFunction, StopReason, Watch
-from .running import Running
-from .trust_region import next_radius, path_weights
+from .problems import (
+    Accepted,
+    Jacobian,
+    LeastSquares,
+    Linearizable,
+    Minimum,
+    ObjectiveFunction,
+    Running,
+    StopReason,
+    Watch,
+)
 
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
+GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
+BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,8 +210,8 @@ def dogleg(
             influence each other.
         start: (B, N), float32 or float64.
         radius: of the first trust region (``delta_0``); by default the length of the first Gauss-Newton step.
-        watch: see :data:`.result.Watch`.
-        accepted: see :data:`.result.Accepted`.
+        watch: see :data:`.problems.Watch`.
+        accepted: see :data:`.problems.Accepted`.
         rules: budget and tolerances, the fields of :class:`DoglegRules`.
 
     Returns:
@@ -218,3 +228,33 @@ def dogleg(
             search.linearize()
         search.try_step()
     return search.running.minimum(search.x, search.value)
+
+
+def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor, Tensor]:
+    """Where the path 0, cauchy, newton (A, N) ends or leaves the radius (A,): weights (A, 1) of cauchy and newton."""
+    length = cauchy.norm(dim=1)
+    outside = length >= radius
+    leg = newton - cauchy
+    # the root of ‖cauchy + t·leg‖ = radius, in the form that subtracts no nearly equal numbers
+    along, room = (cauchy * leg).sum(1), radius.square() - length.square()
+    t = room / (along + (along.square() + leg.square().sum(1) * room).sqrt())
+    t = torch.where(newton.norm(dim=1) <= radius, 1, t)
+    of_cauchy, of_newton = torch.where(outside, radius / length, 1 - t), torch.where(outside, 0, t)
+    return of_cauchy.unsqueeze(1), of_newton.unsqueeze(1)
+
+
+def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) -> Tensor:
+    """The radius (A,) after trials; ``gain`` (A,) is the decrease as a share of the predicted one."""
+    grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
+    # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
+    return torch.where(
+        accepted, torch.where(gain >= BAD, grown, SHRUNK * radius), shrunk_below(SHRUNK * radius, length)
+    )
+
+
+def shrunk_below(radius: Tensor, length: Tensor) -> Tensor:
+    """Radii (A,), as often a quarter of them as it takes to be less than lengths (A,) above 0."""
+    times = (torch.log2(radius / length) / 2).floor().clamp(min=-1) + 1
+    times = torch.where((times > 0) & (torch.ldexp(radius, 2 - 2 * times) < length), times - 1, times)  # rounding
+    shrunk = torch.ldexp(radius, -2 * times)
+    return torch.where(shrunk >= length, SHRUNK * shrunk, shrunk)

@@ -2,7 +2,7 @@
 
 The residuals are linearised once at each point, by keeping their graph; every product with J or Jᵀ is one pass through
 it.  A Jacobian that is a product of simple ones stays so: with the global normaliser of Eq. 7, (I - c·vvᵀ)·a times the
-local Jacobian of the histograms v, never the dense matrix that these make.  A :class:`~.result.Linearizable` problem
+local Jacobian of the histograms v, never the dense matrix that these make.  A :class:`~.problems.Linearizable` problem
 brings its own products, and a preconditioner.
 """
 
@@ -13,21 +13,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .result import Jacobian, LeastSquares
-from .running import ROUNDS_BETWEEN_LOOKS
+from .problems import ROUNDS_BETWEEN_LOOKS, Jacobian, LeastSquares
 
 
 class GraphJacobian:
-    """A :class:`~.result.Jacobian` from the graph of the residuals.
+    """A :class:`~.problems.Jacobian` from the graph of the residuals.
 
     J·v is taken as the derivative by w of Jᵀ·w, which costs as much as Jᵀ·w.  PyTorch's forward mode would compute the
     residuals anew for each product; on HOG it takes four to six times as long.  The graphs of all its problems are in
     memory at once, some 7 MB for a UoCTTI image of 128x128 pixels.
-
-    Args:
-        problem: whose J it is.
-        points: (A, N).
-        index: (A,), the problems at these points.
     """
 
     def __init__(self, problem: LeastSquares, points: Tensor, index: Tensor) -> None:
@@ -44,16 +38,13 @@ class GraphJacobian:
         return product
 
     def jvp(self, vectors: Tensor) -> Tensor:
-        """J·v: (A, N) to (A, M)."""
         return self._grad(self._vjp, self._weights, vectors)
 
     def vjp(self, vectors: Tensor) -> Tensor:
-        """Jᵀ·v: (A, M) to (A, N)."""
         return self._grad(self._residuals, self._points, vectors)
 
     def precondition(self, vectors: Tensor) -> Tensor:
-        """None is known: the vectors themselves."""
-        return vectors
+        return vectors  # none is known
 
 
 class NewtonSteps(NamedTuple):
@@ -75,20 +66,15 @@ def newton_steps(
     *,
     at_once: bool = True,
 ) -> tuple[NewtonSteps, Tensor, Tensor]:
-    """Conjugate gradients on JᵀJ d = g for each of A problems, preconditioned.
+    """Conjugate gradients on JᵀJ d = g, preconditioned, for each of A problems: ``descent`` (A, N) is g.
 
     From d = 0, the first iterate is the Cauchy step, the minimum of ‖J d‖² - 2gᵀd along g, or along W⁻¹g with a
     preconditioner W.  Without, all iterates lie in the range of Jᵀ, and their length grows: where JᵀJ is singular they
     tend to the shortest solution, and ended early they leave out the directions in which the residuals hardly change.
 
-    Args:
-        jacobian: J of all problems.
-        descent: (A, N), g.
-        radius: (A,); a Cauchy step that is longer will do.
-        budget: (A,), of products with J or Jᵀ.
-        iterations: the most.
-        tolerance: a step will do when ‖JᵀJ d - g‖ is at most this share of ‖g‖, lengths ‖v‖² = vᵀW⁻¹v.
-        at_once: stop as soon as all have their steps; else a device is asked for it once in ten iterations.
+    A Cauchy step longer than ``radius`` (A,) will do, and a step for which ‖JᵀJ d - g‖ is at most a share ``tolerance``
+    of ‖g‖, lengths ‖v‖² = vᵀW⁻¹v; ``budget`` (A,) is of products with J or Jᵀ.  Unless ``at_once``, a device is asked
+    only once in ten iterations whether all have their steps.
 
     Returns:
         The steps; the products (A,) that each took; and whether there is a step, (A,): if not, J·g is 0 or not finite.

@@ -9,8 +9,7 @@ and gradient changes y, whose coefficients follow from dot products alone (Byrd,
 
 A new pair is a new first row and column of U, so U⁻¹ is kept: its other rows stay.  Before there are m pairs all are 0.
 
-All problems do the same operations, of NumPy on a CPU or PyTorch on a device, which wait for nothing; what a problem
-does not do is masked.
+All problems do the same operations, of NumPy on a CPU or PyTorch on a device; what a problem does not do is masked.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .result import Numbers
-from .running import array_namespace, may_hold
+from .problems import Numbers, array_namespace, may_hold
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
 ALONG, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW = range(-4, 0)  # dot products after those with stored vectors
@@ -96,13 +94,9 @@ def decide(
     Args:
         state: of the last trial.
         running: (A,), which problems have not ended.
-        slopes: (A,), the objective's along the direction.
-        trial_values: (A,), the objective at the trial points.
+        slopes, trial_values: (A,), the objective's slope along the direction, and its value at the trial point.
         dots: (A, 2m + 4): of the gradient there with each stored s, then y, and with the direction, and of its change
             with the direction, with itself, and with the gradient.
-
-    Returns:
-        The state of the next trial, and the decisions.
     """
     enough = trial_values <= state.values + ARMIJO * state.steps * slopes  # False for NaN
     moves = enough & (dots[:, ALONG] >= CURVATURE * slopes) & running

@@ -1,31 +1,93 @@
-"""The options of a reconstruction: how much to spend, how to search, what to minimise, and the paper's own search."""
+"""The arguments of a reconstruction: checks of descriptors and images, and all options."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from ..hog.checks import check_choice
+from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
+from ..hog.spec import HOGSpec
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .priors import Prior
 
+LARGEST_ENTRY = 1e6  # far above any descriptor of an image, and small enough that energies of energies do not overflow
+
+
+def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
+    """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one."""
+    if isinstance(descriptor, Tensor):
+        return descriptor
+    tensor = descriptor_tensor("the descriptor", descriptor)
+    return tensor[None] if tensor.dim() == 3 else tensor
+
+
+def check_floats(name: str, tensor: object) -> None:
+    """Raises TypeError unless ``tensor`` is one of float32 or float64."""
+    got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
+    if got not in (torch.float32, torch.float64):
+        raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}")
+
+
+def check_finite(name: str, tensor: Tensor) -> None:
+    """Raises ValueError if ``tensor`` holds NaN or Inf."""
+    if not torch.isfinite(tensor).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+
+
+def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
+    """Height and width of the image, after checking that descriptor, spec and image size agree."""
+    check_floats("the descriptor", descriptor)
+    if descriptor.dim() != 4 or not len(descriptor):
+        raise ValueError(
+            f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
+        )
+    rows, cols, channels = descriptor.shape[1:]
+    height, width = image_size or spec.image_size(rows, cols)
+    expected = (*spec.grid(height, width), spec.channels)
+    if (rows, cols, channels) != expected:
+        raise ValueError(
+            f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
+            f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
+        )
+    check_finite("the descriptor", descriptor)
+    largest = float(descriptor.detach().abs().max())
+    if largest > LARGEST_ENTRY:
+        raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in size, got one of {largest:g}")
+    return height, width
+
+
+def check_images(
+    name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
+) -> Tensor | None:
+    """``images``, or their roots where the dialect describes these, in the descriptor's dtype and on its device."""
+    if images is None:
+        return None
+    if not isinstance(images, Tensor):
+        images, _ = image_batch(name, images)
+        images = images / 255 if images.dtype == torch.uint8 else images
+    if not images.is_floating_point():
+        raise TypeError(f"{name} must be floating-point, got {images.dtype}")
+    if images.shape != (len(descriptor), 1, *size):
+        raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
+    check_finite(name, images)
+    images = images.detach().to(descriptor)
+    return images.clamp(min=0).sqrt() if spec.gamma == "sqrt" else images
+
 
 class Quality(NamedTuple):
-    """The budget of a search.
-
-    Attributes:
-        evaluations: of the operator, where several samples are drawn.
-        without_samples: of the operator, where none are drawn.
-        samples: images with the same histograms, whose mean is the expected image.
-        on_histograms: evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel.
-    """
+    """The budget of a search: evaluations of the operator, with several samples or without; how many samples."""
 
     evaluations: int
     without_samples: int
     samples: int
-    on_histograms: int
+    on_histograms: int  # evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel
 
 
 QUALITIES: dict[QualityName, Quality] = {
@@ -35,11 +97,6 @@ QUALITIES: dict[QualityName, Quality] = {
 
 
 def quality_of(name: QualityName) -> Quality:
-    """The budget of that name.
-
-    Raises:
-        ValueError: there is no quality of that name.
-    """
     check_choice("quality", name, QualityName)
     return QUALITIES[name]
 
@@ -83,7 +140,7 @@ class Objective:
 
     Attributes:
         smoothness: ξ of Eq. 9, on the scale of the distance, see :func:`.priors.smoothness`.
-        closeness: λ of :class:`.objective.PreimageObjective`, the weight of the distance to the expected image; by
+        closeness: λ of :class:`.search.PreimageObjective`, the weight of the distance to the expected image; by
             default 1 for signed dialects and for details, 3 for signed dialects with a learned prior, 0.1 for unsigned
             ones, whose region signs are uncertain.
         priors: further terms; with ``smoothness=0`` they replace the smoothness.
@@ -93,9 +150,12 @@ class Objective:
         TypeError: ``priors`` are no priors.
 
     >>> from nablahog.invert import Objective
-    >>> from nablahog.invert.priors import TotalVariation
+    >>> from nablahog.invert.priors import Prior
+    >>> class Squares(Prior):
+    ...     def terms(self, image):
+    ...         return image.diff(dim=3).flatten(1)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
-    >>> objective = Objective(smoothness=0.1, priors=[TotalVariation(1e-3)])
+    >>> objective = Objective(smoothness=0.1, priors=[Squares(1e-3)])
     >>> nablahog.reconstruct(descriptor, "uoctti", objective=objective, quality="fast").image.shape
     torch.Size([1, 1, 32, 32])
     """
@@ -155,15 +215,7 @@ class AsPublished:
 
 
 def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:
-    """The options of the paper's search; None for the default method.
-
-    Args:
-        method: of the reconstruction.
-        options: those that only the default method takes: each value with its default.
-
-    Raises:
-        ValueError: there is no such method, or the paper's search is given an option of the default method.
-    """
+    """The options of the paper's search, which takes none of ``options``, each with its default; None for the other."""
     if not isinstance(method, AsPublished):
         check_choice("method", method, InversionMethod)
         if method == "default":
