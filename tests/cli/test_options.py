@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from nablahog.cli.arguments.main import parser
-from nablahog.cli.main import main
+from nablahog.cli.main import main, parser
 
 MOST_OPTIONS = 110  # of all commands
 MOST_LINES = 40  # of the help of one

@@ -14,9 +14,8 @@ from skimage import data
 
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.compat.opencv.padded import Padded
-from nablahog.compat.opencv.pyramid import resized
-from nablahog.compat.opencv.scheme import Constants
+from nablahog.compat.opencv.multi_scale import resized
+from nablahog.compat.opencv.windows import Constants, Padded
 
 pytestmark = pytest.mark.skipif(not native.available(), reason="no native library")
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 import nablahog
 from nablahog import presets
-from nablahog.cli.arguments.preset_parameters import PRESETS
-from nablahog.cli.inputs.spec import make_spec
+from nablahog.cli.arguments.presets import PRESETS, make_spec
 from nablahog.hog import HOGSpec
 from nablahog.io.layouts import Fit, fit, stored
 

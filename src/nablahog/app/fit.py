@@ -23,10 +23,8 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
-from . import lines
-from .errors import as_request_error
-from .pictures import encoded, glyphs, png, transparent
-from .requests import Fit, Open, PoseRequest
+from .answers import encoded, glyphs, of_pose, png, transparent
+from .requests import Fit, Open, PoseRequest, as_request_error
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -191,7 +189,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
             "warning": warning(estimate),
-            "lines": lines.of_pose(same, self.model.name),
+            "lines": of_pose(same, self.model.name),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

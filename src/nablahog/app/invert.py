@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from .. import metrics
-from ..cli.inputs.prior import PriorOptions
-from ..cli.results.inversion import MEASURES, SURE
+from ..cli.results.inversion import MEASURES, SURE, PriorOptions
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
@@ -22,10 +21,8 @@ from ..invert.options import quality_of
 from ..invert.reconstruction import at_start
 from ..invert.start import starting_images
 from ..invert.template import reconstruct_template
-from . import lines
-from .errors import RequestError, as_request_error
-from .pictures import encoded, png
-from .requests import INVERT_SIZE, InvertRequest
+from .answers import encoded, of_inversion, png
+from .requests import INVERT_SIZE, InvertRequest, RequestError, as_request_error
 from .see import requested_descriptor
 from .store import Photograph, Store
 from .work_queue import CancelToken
@@ -87,7 +84,7 @@ def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
             "history": _thinned(result.history[:, 0]),
-            "lines": lines.of_inversion(request, source),
+            "lines": of_inversion(request, source),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
     )

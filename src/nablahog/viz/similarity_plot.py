@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import ImageDraw
 
 from ..io.images import Picture, to_pil
+from .html import Drawing
 from .pictures import RED
-from .svg import Drawing
 
 Floats = NDArray[np.floating]
 

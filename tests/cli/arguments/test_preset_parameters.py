@@ -7,8 +7,16 @@ from typing import Any, Literal, Optional
 import pytest
 
 from nablahog import presets
-from nablahog.cli.arguments.preset_parameters import PRESETS, as_text, defaults_of, parameters_of, parsed, window_of
-from nablahog.cli.inputs.spec import SpecOptions, make_spec
+from nablahog.cli.arguments.presets import (
+    PRESETS,
+    SpecOptions,
+    as_text,
+    defaults_of,
+    make_spec,
+    parameters_of,
+    parsed,
+    window_of,
+)
 
 PAIR = tuple[int, int]
 

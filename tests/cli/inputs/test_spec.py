@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from nablahog import presets
-from nablahog.cli.arguments.preset_parameters import PRESETS, parameters_of
-from nablahog.cli.inputs.spec import SpecOptions
+from nablahog.cli.arguments.presets import PRESETS, SpecOptions, parameters_of
 from nablahog.hog import HOGSpec
 
 

@@ -8,7 +8,6 @@ import { invert, methodName, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
-import { Strip } from "./strip.js";
 import { showWipe } from "./wipe.js";
 
 const FIRST_SIZE = 256;
@@ -40,7 +39,6 @@ export class Invert {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.app = app;
-    this.strip = new Strip(app, () => numberOf(this.#seed) ?? 0);
     fill(this.#method, app.about.methods.map((id) => ({ id, name: methodName(id) })));
     fill(this.#quality, app.about.qualities);
     this.#size.max = String(app.about.limits.invert_size);
@@ -85,7 +83,6 @@ export class Invert {
 
   show() {
     this.#explain();
-    this.strip.show();
   }
 
   /** Called when preset or parameters change. */

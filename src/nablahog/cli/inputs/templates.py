@@ -18,11 +18,10 @@ from ...io.arrays import is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
 from ...io.layouts import Fit
 from ...io.npz import naming
+from ..arguments.presets import SpecOptions
 from ..errors import as_user_error
 from .arrays import ArrayOptions
-from .expand import expand
-from .sources import Inputs, Source, read_each
-from .spec import SpecOptions
+from .sources import Inputs, Source, expand, read_each
 
 # width x height of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: "64x128", 1980: "48x96"}

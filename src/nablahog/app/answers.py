@@ -1,17 +1,63 @@
-"""The command, and the lines of Python, that give the same result as the page."""
+"""What answers have in common: pictures and glyphs in JSON, and the command and lines of Python that do the same."""
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import shlex
+from typing import Any
 
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..cli.arguments.presets import SpecOptions
 from ..cli.inputs.sources import Source
-from ..cli.inputs.spec import SpecOptions
+from ..hog import HOGSpec
 from ..invert.choices import QualityName
+from ..io.images import Picture, to_pil
+from ..viz.pictures import glyph_votes
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
 DESCRIPTOR = "descriptor.npz"
+
+
+def png(picture: Picture) -> bytes:
+    """A picture in 0…1 as a PNG file."""
+    file = io.BytesIO()
+    to_pil(picture).save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
+    return file.getvalue()
+
+
+def encoded(data: bytes) -> str:
+    """Bytes as base64."""
+    return base64.b64encode(data).decode("ascii")
+
+
+def transparent(image: Tensor, opacity: Tensor) -> bytes:
+    """A gray image (H, W) in 0…1 with its opacity (H, W), as a PNG file."""
+    from PIL import Image
+
+    levels = (torch.stack([image, opacity], dim=-1).clamp(0, 1) * 255).round().to(torch.uint8)
+    file = io.BytesIO()
+    Image.fromarray(levels.numpy(), mode="LA").save(file, format="PNG", compress_level=1)
+    return file.getvalue()
+
+
+def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:
+    """The brightness of each stroke of a descriptor's glyphs (rows, cols, channels), as the page draws them."""
+    votes, angles = glyph_votes(descriptor, spec)
+    rows, cols, count = votes.shape
+    return {
+        "rows": rows,
+        "cols": cols,
+        "n": count,
+        "cell": list(spec.cell_size),
+        "angles": angles.tolist(),
+        "votes": encoded(np.rint(votes * 255).astype(np.uint8).tobytes()),
+    }
 
 
 def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
