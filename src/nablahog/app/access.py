@@ -34,12 +34,7 @@ HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class AccessRules:
-    """The rules by which requests are accepted.
-
-    Attributes:
-        hosts: accepted values of the header Host; all, if there is a token.
-        token: that all requests must know; None on the loopback.
-    """
+    """The accepted values of the header Host; or, but on the loopback, a token that all requests must know."""
 
     hosts: frozenset[str]
     token: str | None
@@ -64,12 +59,7 @@ class AccessRules:
 
 
 class AccessMiddleware:
-    """Refuses requests by their headers, bodies by their size, and adds the headers that keep a page offline.
-
-    Args:
-        app: the application.
-        rules: of access.
-    """
+    """Refuses requests by their headers, bodies by their size, and adds the headers that keep a page offline."""
 
     def __init__(self, app: ASGIApp, rules: AccessRules) -> None:
         self.app, self.rules = app, rules

@@ -60,7 +60,7 @@ def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:
     }
 
 
-def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
+def lines_for_hog(request: HogRequest, source: Source) -> dict[str, str]:
     """The lines for a descriptor."""
     if source.photo is None:
         return {"command": _command("glyph", DESCRIPTOR, "-o", "glyphs.png"), "python": "\n".join(_stored())}
@@ -68,7 +68,7 @@ def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
     return {"command": command, "python": "\n".join(_described(request))}
 
 
-def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
+def lines_for_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     """The lines for a pre-image."""
     own = request.photo is not None
     options = [*(_options(request) if own else []), *(["--size", str(request.size)] if own else [])]
@@ -85,7 +85,7 @@ def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     }
 
 
-def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
+def lines_for_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     """The lines for a fit."""
     chair = re.fullmatch(r"chair-([a-z]+-\d+)", request.mesh)
     box = [] if request.box is None else ["--box", ",".join(f"{side:g}" for side in request.box)]

@@ -23,7 +23,7 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
-from .answers import encoded, glyphs, of_pose, png, transparent
+from .answers import encoded, glyphs, lines_for_pose, png, transparent
 from .requests import Fit, Open, PoseRequest, as_request_error
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
@@ -37,14 +37,7 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object and a model.
-
-    Attributes:
-        photograph: the whole.
-        model: the mesh.
-        box: of the object, pixels of the photograph.
-        crop: of it.
-    """
+    """A photograph's object, with its box in pixels and its crop, and a model."""
 
     photograph: Photograph
     model: MeshEntry
@@ -53,11 +46,7 @@ class Fitting:
 
     @classmethod
     def of(cls, request: Open | PoseRequest, store: Store) -> Fitting:
-        """The photograph's object and the model that a request names.
-
-        Raises:
-            RequestError: it is not there, or the box is none.
-        """
+        """The photograph's object and the model that a request names."""
         photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
         with as_request_error():
@@ -189,7 +178,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
             "warning": warning(estimate),
-            "lines": of_pose(same, self.model.name),
+            "lines": lines_for_pose(same, self.model.name),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import Meta, Struct, field
 
-from ..cli.arguments.presets import SpecOptions
+from ..cli.arguments.presets import PRESETS, SpecOptions
 from ..cli.errors import MOST_CHARACTERS, UserError
 from ..hog import HOGSpec
 from ..invert.choices import QualityName
@@ -18,19 +18,12 @@ from ..pose.options import SearchMethod
 from ..runtime.text import one_line
 
 GONE = "the server no longer has this upload: drop it again"
-
-
 logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
 
 
 class RequestError(Exception):
-    """An error that the user of the page can correct.
-
-    Attributes:
-        status: of HTTP.
-        answer: the JSON, with the sentence as its ``error``.
-    """
+    """An error that the user of the page can correct: a status of HTTP, and an answer with a sentence."""
 
     def __init__(self, status: int, sentence: str, **more: Any) -> None:
         super().__init__(sentence)
@@ -92,22 +85,12 @@ class Dialect(Struct, forbid_unknown_fields=True):
     settings: Settings = field(default_factory=dict)
 
     def spec(self) -> HOGSpec:
-        """The spec.
-
-        Raises:
-            RequestError: there is no such preset or parameter, or its value is out of range.
-        """
+        """The spec; RequestError if there is no such preset or parameter, or its value is out of range."""
         return spec_options(self.preset, self.settings).spec()
 
 
 def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
-    """The options of the command line that mean the same; of no preset, none.
-
-    Raises:
-        RequestError: there is no such preset or parameter, or its value is out of range.
-    """
-    from ..cli.arguments.presets import PRESETS
-
+    """The options of the command line that mean the same; of no preset, none."""
     if preset is not None and preset not in PRESETS:
         raise RequestError(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
     with as_request_error():
@@ -185,11 +168,7 @@ Decoded = TypeVar("Decoded")
 
 
 def decoded(data: bytes | str, kind: type[Decoded] | Any) -> Decoded:
-    """JSON as a request.
-
-    Raises:
-        RequestError: it is none; the sentence says what was expected where.
-    """
+    """JSON as a request; the sentence of a RequestError says what was expected where."""
     try:
         request: Decoded = msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:

@@ -42,15 +42,7 @@ Handler: TypeAlias = Callable[[Request], Awaitable[Response]]
 
 
 class Server:
-    """The state that the routes share.
-
-    Args:
-        photographs: given on the command line, by name.
-
-    Attributes:
-        store: of uploads.
-        quick, long: where it computes.
-    """
+    """The state that the routes share: uploads, and the queues where it computes."""
 
     def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
         self.store = Store(secrets.token_bytes(16))
@@ -262,12 +254,7 @@ def _integer(request: Request, name: str, default: int | None = None) -> int:
 
 
 def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Starlette:
-    """The application.
-
-    Args:
-        rules: of access.
-        photographs: given on the command line.
-    """
+    """The application, with the photographs that were given on the command line."""
     server = Server(photographs)
     app = Starlette(
         routes=server.routes(), lifespan=server.lifespan, exception_handlers={HTTPException: _no_such_address}

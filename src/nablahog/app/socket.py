@@ -20,13 +20,7 @@ MOST_CHARACTERS = 2**14  # of a message
 
 
 class FitSocket:
-    """One page's scene.
-
-    Args:
-        socket: not yet accepted.
-        store: of uploads.
-        quick, long: where it computes.
-    """
+    """One page's scene; the socket is not yet accepted."""
 
     def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long

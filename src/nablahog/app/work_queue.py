@@ -35,26 +35,14 @@ class CancelToken:
 
 
 class WorkQueue:
-    """A thread that runs one computation after the other, and a bounded queue.
-
-    Args:
-        name: of the thread.
-        most: computations that may wait or run; more are refused.
-
-    Attributes:
-        count: computations that wait or run.
-    """
+    """A thread that runs one computation after the other; at most ``most`` wait or run, ``count`` do now."""
 
     def __init__(self, name: str, most: int) -> None:
         self.most, self.count = most, 0
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     async def run(self, work: Callable[[CancelToken], T]) -> T:
-        """The result of ``work``; if this coroutine is cancelled, the work ends at its next check.
-
-        Raises:
-            RequestError: too much waits.
-        """
+        """The result of ``work``; if this coroutine is cancelled, the work ends at its next check."""
         if self.count >= self.most:
             raise RequestError(503, f"the server is busy: {self.count} computations wait already; try again")
         cancel = CancelToken()
