@@ -47,7 +47,7 @@ export class Invert {
       ["quality", this.#quality], ["seed", this.#seed], ["invert_size", this.#size]])) {
       input.addEventListener("input", () => {
         if (input instanceof HTMLSelectElement || numberOf(input) !== null) app.address.set({ [key]: input.value });
-        this.#explain();
+        this.explain();
       });
     }
     this.#start.addEventListener("click", () => void this.#run(null));
@@ -78,19 +78,11 @@ export class Invert {
     choose(this.#quality, address.get("quality"), about.qualities);
     this.#seed.value = String(address.number("seed", 0));
     this.#size.value = String(Math.min(about.limits.invert_size, address.number("invert_size", FIRST_SIZE)));
-    this.#explain();
+    this.explain();
   }
 
-  show() {
-    this.#explain();
-  }
-
-  /** Called when preset or parameters change. */
-  refresh() {
-    this.#explain();
-  }
-
-  #explain() {
+  /** Says what is missing for the method; called when the view is shown, and when preset or parameters change. */
+  explain() {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
     const missing = this.#method.value === "prior" && !this.app.about.priors[kind];
     element("method-about", HTMLElement).textContent = missing

@@ -1,1 +1,1 @@
-"""A function of its arguments for each command; it returns the exit status, None for 0, or raises UserError or OSError."""
+"""A function of its arguments for each command, which returns the exit status, or raises UserError or OSError."""

@@ -1,1 +1,1 @@
-"""What the arguments of a command name, read and checked; ValueError, OSError or UserError has a sentence for the user."""
+"""What the arguments of a command name, read and checked; what is unusable raises an error of one sentence."""
