@@ -9,7 +9,6 @@ import shlex
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from ..cli.arguments.presets import SpecOptions
@@ -24,26 +23,18 @@ PHOTO = "photo.png"
 DESCRIPTOR = "descriptor.npz"
 
 
-def png(picture: Picture) -> bytes:
-    """A picture in 0…1 as a PNG file."""
-    file = io.BytesIO()
-    to_pil(picture).save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
+def png(picture: Picture, opacity: Picture | None = None) -> bytes:
+    """A picture in 0…1, with its opacity (H, W) if it is gray, as a PNG file."""
+    file, image = io.BytesIO(), to_pil(picture)
+    if opacity is not None:
+        image.putalpha(to_pil(opacity))
+    image.save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
     return file.getvalue()
 
 
 def encoded(data: bytes) -> str:
     """Bytes as base64."""
     return base64.b64encode(data).decode("ascii")
-
-
-def transparent(image: Tensor, opacity: Tensor) -> bytes:
-    """A gray image (H, W) in 0…1 with its opacity (H, W), as a PNG file."""
-    from PIL import Image
-
-    levels = (torch.stack([image, opacity], dim=-1).clamp(0, 1) * 255).round().to(torch.uint8)
-    file = io.BytesIO()
-    Image.fromarray(levels.numpy(), mode="LA").save(file, format="PNG", compress_level=1)
-    return file.getvalue()
 
 
 def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:

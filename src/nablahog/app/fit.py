@@ -23,7 +23,7 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
-from .answers import encoded, glyphs, lines_for_pose, png, transparent
+from .answers import encoded, glyphs, lines_for_pose, png
 from .requests import Fit, Open, PoseRequest, as_request_error
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
@@ -94,7 +94,7 @@ class Fitting:
             "pose": _rounded(poses[0]),
             "similarity": float(values[0]),
             "derivative": _rounded(derivatives[0]),
-            "image": encoded(transparent(own, opacity)),
+            "image": encoded(png(own, opacity)),
             "votes": glyphs(describe(white[None, None], SPEC)[0], SPEC),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
@@ -163,14 +163,8 @@ class Fitting:
         self, estimate: PoseEstimate, request: Fit, initial: tuple[float, float] | None, photo: str, mesh: str
     ) -> dict[str, Any]:
         """The message that ends a search."""
-        same = PoseRequest(
-            photo=photo,
-            mesh=mesh,
-            box=list(self.box),
-            method=request.method,
-            initial=None if initial is None else list(initial),
-            seed=request.seed,
-        )
+        here = None if initial is None else list(initial)
+        same = PoseRequest(photo, mesh, list(self.box), request.method, here, request.seed)
         return {
             "type": "fitted",
             "pose": _rounded(estimate.crop_pose),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,6 +33,8 @@ from ..errors import UserError, as_user_error
 from ..terminal import counter, print_table, say, say_ignored, say_page
 
 VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
+
+Objects: TypeAlias = tuple[Examples, dict[str, Examples], dict[str, str]]
 
 
 def table1(arguments: Namespace) -> None:
@@ -68,7 +71,7 @@ def table2(arguments: Namespace) -> None:
     """Makes the table of ``arguments.methods``."""
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
     with as_user_error():
-        of = objects(arguments)
+        examples, conditions, passed_over = objects(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
         if arguments.cluster is not None:
@@ -76,10 +79,10 @@ def table2(arguments: Namespace) -> None:
         with counter("nablahog table2") as progress, as_user_error():
             table = run_table2(
                 folder,
-                of.examples,
+                examples,
                 methods,
                 settings,
-                of.conditions,
+                conditions,
                 workers=arguments.workers or cores(),
                 cluster=arguments.cluster,
                 progress=progress,
@@ -95,7 +98,7 @@ def table2(arguments: Namespace) -> None:
     if table.conditions:
         print_table(table2_page.terminal_conditions(table))
     _say_ran(methods, table)
-    for name, reason in of.passed_over.items():
+    for name, reason in passed_over.items():
         say(f"Passed over: {name}: {reason}")
     say_page(folder / "index.html")
 
@@ -139,17 +142,8 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
     return photographs, f"{number} images of the folder {folder.resolve().name}."
 
 
-@dataclass(frozen=True)
-class Objects:
-    """The objects of the table, those of the second table by condition, and why models are passed over, by name."""
-
-    examples: Examples
-    conditions: dict[str, Examples]
-    passed_over: dict[str, str]
-
-
 def objects(arguments: Namespace) -> Objects:
-    """The objects that the arguments ask for."""
+    """The objects of the table, those of the second table by condition, and why models are passed over, by name."""
     if arguments.pascal3d is not None and arguments.annotations is not None:
         raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
     if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
@@ -177,7 +171,7 @@ def _published(arguments: Namespace) -> Objects:
         seed=arguments.seed,
         failed=selection.failed,
     )
-    return Objects(examples, {}, passed_over)
+    return examples, {}, passed_over
 
 
 def _annotated(arguments: Namespace) -> Objects:
@@ -197,7 +191,7 @@ def _annotated(arguments: Namespace) -> Objects:
     for name in names:
         if not CONDITIONS[name].of_photographs:
             raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
-    return Objects(made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over)
+    return made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over
 
 
 def _scenes(arguments: Namespace) -> Objects:
@@ -225,4 +219,4 @@ def _scenes(arguments: Namespace) -> Objects:
     count = arguments.objects or SCENES
     names = CONDITIONS if arguments.conditions is None else arguments.conditions
     harder = {name: made(min(HARDER, count), condition=name) for name in names}
-    return Objects(made(count), harder, passed_over)
+    return made(count), harder, passed_over

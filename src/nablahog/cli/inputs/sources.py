@@ -39,19 +39,7 @@ DATASET = ".parquet"
 ROWS = 1000  # of a data set, in memory at a time
 
 
-@dataclass(frozen=True)
-class Expanded:
-    """The files of a command, in order, :data:`STDIN` among them, and what is skipped.
-
-    ``many``: whether results go to a folder, as of several inputs, or a folder or a pattern, even of one file.
-    """
-
-    paths: list[str]
-    skipping: Skipping
-    many: bool
-
-
-def expand(arguments: Namespace, endings: Collection[str]) -> Expanded:
+def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
     """The files that ``arguments.inputs`` stand for.
 
     A folder stands for the files in it with one of the ``endings``, sorted by name, without hidden files and
@@ -80,7 +68,7 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Expanded:
     for name, reason in empty:
         with skipping.each(name):
             raise ValueError(f"{name}: {reason}")
-    return Expanded(paths, skipping, many=len(named) > 1 or paths != named)
+    return Inputs(paths, skipping, many=len(named) > 1 or paths != named)
 
 
 def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
@@ -143,10 +131,16 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Inputs(Expanded):
-    """The inputs of a command that can be used; rows of data sets are read when they are needed."""
+class Inputs:
+    """The inputs of a command: files, or :data:`STDIN`, and what is read; rows of data sets are read when needed.
 
-    sources: list[Source]
+    ``many``: whether results go to a folder, as of several inputs, or a folder or a pattern, even of one file.
+    """
+
+    paths: list[str]
+    skipping: Skipping
+    many: bool
+    sources: list[Source] = field(default_factory=list)
     datasets: list[DescriptorDataset] = field(default_factory=list)
 
     def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
@@ -209,10 +203,10 @@ def read_inputs(
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
-    return Inputs(expanded.paths, expanded.skipping, expanded.many or bool(data), sources, data)
+    return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
-def read_each(expanded: Expanded, read: Callable[[str, str], list[Source]]) -> list[Source]:
+def read_each(expanded: Inputs, read: Callable[[str, str], list[Source]]) -> list[Source]:
     """The sources of all files by ``read``, called with each path and its stem; skips files that it cannot read."""
     stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     sources = []

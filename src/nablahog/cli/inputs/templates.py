@@ -41,7 +41,7 @@ def read_template_inputs(arguments: Namespace) -> Inputs:
             for sign in SIGNS
         ]
 
-    return Inputs(expanded.paths, expanded.skipping, True, read_each(expanded, read))
+    return replace(expanded, many=True, sources=read_each(expanded, read))
 
 
 def _signed(template: Source, stem: str, sign: str) -> Source:
