@@ -39,9 +39,9 @@ PAUSES = {"worker": (0.3, 2.0), "scheduler": (2.5, 8.0), "client": (2.5, 8.0), "
 IMAGES = {"table1": 20, "hog": 300}
 PROGRAM = """
 import sys
-from nablahog.cli.commands import hog_dataset
+from nablahog.cli.commands import hog
 from nablahog.cli.main import main
-hog_dataset.SHARD = 10
+hog.SHARD = 10
 sys.exit(main())"""
 LONGEST = 1800.0  # seconds of a run; more is an error
 

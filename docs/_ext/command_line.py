@@ -15,7 +15,7 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
 from nablahog.cli.arguments import options
-from nablahog.cli.arguments.main import parser
+from nablahog.cli.main import parser
 
 WIDTH = 72  # of the usage, in characters
 

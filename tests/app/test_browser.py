@@ -149,21 +149,6 @@ def test_invert(page: Page) -> None:
 
 
 @in_a_browser
-def test_the_strip(page: Page) -> None:
-    page.open("#/invert?photo=sample-camera&preset=uoctti")
-    page.read("document.querySelector('#strip-details').open = true")
-    page.driver.execute_script(
-        "for (const box of document.querySelectorAll('#strip-presets input')) box.checked = box.value === 'dpm';"
-        "for (const box of document.querySelectorAll('#strip-methods input')) box.checked = box.value === 'no-prior';"
-    )
-    page.enter("#strip-size", 64)
-    page.click("#strip-start")
-    page.until("document.querySelectorAll('#strip canvas, #strip img').length >= 1")
-    page.idle()
-    assert "dpm" in page.text("#strip")
-
-
-@in_a_browser
 def test_fit(page: Page, folder: Path) -> None:
     page.open("#/fit?photo=scene-chair&mesh=chair-wooden-0")
     page.click("#fit-open")

@@ -85,10 +85,10 @@ def test_refused_before_it_begins(client: TestClient) -> None:
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
-    from nablahog.app.uploads import photograph
+    from nablahog.app.store import photograph
 
     store, cancel, seen = Store(b""), CancelToken(), threading.Event()
-    key = photograph(photo_file, "p.png", store)["id"]
+    key = photograph(photo_file, "p.png", {}, store)["id"]
 
     def send(name: str, data: dict[str, Any]) -> None:
         if name == "frame":

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from nablahog.app import server
-from nablahog.app.errors import RequestError
+from nablahog.app.requests import RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 

@@ -12,7 +12,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog import hog, load_descriptor, presets
-from nablahog.cli.arguments.main import parser
+from nablahog.cli.main import parser
 from nablahog.io.images import read_image
 from nablahog.viz.pictures import glyph_votes
 

@@ -99,8 +99,6 @@ def test_photographs_are_shrunk_alike_and_it_is_said(tmp_path: Path, capsys: pyt
 def test_quiet(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["hog", photo, "-o", str(tmp_path / "d.npz"), "-q"]) == 0
     assert capsys.readouterr() == ("", "")
-    assert main(["hog", photo, "-o", str(tmp_path / "d.npz"), "-q", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[0]["input"] == photo
     assert main(["hog", photo, "-o", str(tmp_path / "d.npz")]) == 0  # quiet no longer
     assert "uoctti" in capsys.readouterr().out
 
@@ -129,7 +127,6 @@ def test_stdin_as_it_should_not_be(
         refused("hog", "-", *to, message=message)
     refused("hog", "-", "-", *to, message="stdin can be read once")
     refused("hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout")
-    refused("hog", photo, "-o", "-", "--json", message="-o - and --json would both write to stdout")
 
 
 def test_batches_hold_one_spec_and_size_and_not_too_much(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,14 +1,18 @@
-"""The size of the command: its options, and its help."""
+"""The size of the command: its options, its help, and completion in the shell."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from nablahog.cli.arguments.main import parser
-from nablahog.cli.main import main
+import nablahog
+from nablahog.cli.main import main, parser
 
 MOST_OPTIONS = 110  # of all commands
 MOST_LINES = 40  # of the help of one
@@ -58,3 +62,26 @@ def test_did_you_mean(argv: list[str], meant: str, capsys: pytest.CaptureFixture
     error = capsys.readouterr().err
     assert f"; did you mean {meant}?" in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("nablahog inv", {"invert"}),
+        ("nablahog hog --preset op", {"opencv"}),
+        ("nablahog learn p", {"prior"}),
+        ("nablahog invert a.png --quality ", {"best", "fast"}),
+    ],
+)
+def test_words_are_completed(line: str, expected: set[str]) -> None:
+    """As argcomplete's shell function asks for them."""
+    pytest.importorskip("argcomplete")
+    asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line, "COMP_POINT": str(len(line))}
+    command = ["sh", "-c", f"exec {sys.executable} -m nablahog 8>&1 9>/dev/null"]
+    ended = subprocess.run(command, env={**os.environ, **asked}, capture_output=True, text=True)
+    assert {word.strip() for word in ended.stdout.split("\n")} == expected
+
+
+def test_the_command_says_that_it_can() -> None:
+    """Global completion looks for this mark in the first kilobyte of the entry point."""
+    assert "PYTHON_ARGCOMPLETE_OK" in Path(nablahog.__file__).with_name("__main__.py").read_text()[:1024]

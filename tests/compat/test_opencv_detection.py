@@ -17,8 +17,7 @@ from skimage import data
 
 from nablahog.compat import opencv
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.compat.opencv.grouping import group_rectangles
-from nablahog.compat.opencv.pyramid import resized
+from nablahog.compat.opencv.multi_scale import group_rectangles, resized
 
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "HOGDescriptor"):

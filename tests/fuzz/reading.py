@@ -17,8 +17,8 @@ import scipy.spatial  # noqa: F401
 import trimesh  # noqa: F401  else the first mesh pays for it
 
 from nablahog import HOGSpec
+from nablahog.cli.arguments.presets import SpecOptions
 from nablahog.cli.inputs.arrays import ArrayOptions
-from nablahog.cli.inputs.spec import SpecOptions
 from nablahog.cli.inputs.templates import read_templates
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import is_raw

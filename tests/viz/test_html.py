@@ -1,4 +1,4 @@
-"""The page: complete, escaped, self-contained."""
+"""Pages and drawings: complete, escaped, self-contained, in colours that can be read."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import base64
 import io
 import re
 from html.parser import HTMLParser
+from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 from PIL import Image
 
-from nablahog.viz.html import Cell, Section, figure, page
+from nablahog.viz.html import COLOURS, Cell, Drawing, Section, figure, page
 from nablahog.viz.pictures import Panel
 
 TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
@@ -83,3 +85,44 @@ def test_two_pictures_with_a_slider() -> None:
     before, after = re.findall(r"base64,([^\"]+)", html)
     assert before != after
     assert "--at" in html
+
+
+def test_a_drawing() -> None:
+    drawing = Drawing(100, 50, "Title <", "what it shows")
+    drawing.line([(0, 1), (2.345, 6)], "curve", 2)
+    drawing.dot((5, 5), "path", 3, ringed=True)
+    drawing.note((1, 2), "a < b", anchor="end")
+    svg = drawing.svg()
+    root = ElementTree.fromstring(svg)
+    shapes = {element.tag.rpartition("}")[2]: element for element in root}
+    assert (root.get("viewBox"), root.get("role")) == ("0 0 100 50", "img")
+    assert [shapes[name].text for name in ("title", "desc", "text")] == ["Title <", "what it shows", "a < b"]
+    assert [float(n) for n in re.split("[, ]", shapes["polyline"].get("points", "").strip())] == [0, 1, 2.35, 6]
+    light, dark = COLOURS["curve"]
+    assert shapes["polyline"].get("stroke") == light
+    assert f".l-curve {{ stroke: {dark}; }}" in svg[svg.index("prefers-color-scheme: dark") :]
+    assert shapes["circle"].get("fill") == COLOURS["ground"][0]
+    assert svg in page("T", "", [], [Section("A", "", drawings=[drawing])], {})
+
+
+def _luminance(colour: np.ndarray) -> float:
+    """Relative luminance, as WCAG 2 defines it, of a colour (3,) in 0…255."""
+    linear = np.where(colour <= 10, colour / 255 / 12.92, ((colour / 255 + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def _contrast(one: np.ndarray, other: np.ndarray) -> float:
+    low, high = sorted((_luminance(one), _luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def _colours(mode: int) -> dict[str, np.ndarray]:
+    return {name: np.array([int(pair[mode][k : k + 2], 16) for k in (1, 3, 5)]) for name, pair in COLOURS.items()}
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_texts_can_be_read(mode: int) -> None:
+    """With the contrast of 4.5 that WCAG 2 asks for, in light and dark mode."""
+    colours = _colours(mode)
+    for name in ("text", "faint", "curve", "path", "mark"):
+        assert _contrast(colours[name], colours["ground"]) >= 4.5, name

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from nablahog.viz.html import Drawing
 from nablahog.viz.pictures import RED
 from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, boxed, by_azimuth
-from nablahog.viz.svg import Drawing
 
 TEXTS = {"what": "patches", "how": "central differences"}
 

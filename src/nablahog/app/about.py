@@ -6,7 +6,7 @@ from importlib.metadata import version
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ..cli.arguments.preset_parameters import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
+from ..cli.arguments.presets import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..hog import HOGSpec
 from ..hog.presets import BY_NAME
 from ..invert.histograms import searchable

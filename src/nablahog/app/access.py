@@ -7,15 +7,16 @@ the answers (DNS rebinding).  The browser names both in the headers Host and Ori
 from __future__ import annotations
 
 import hmac
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from urllib.parse import parse_qs
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
-from .errors import RequestError
+from .requests import RequestError
 
 MOST_BYTES = 64 * 2**20  # in an upload
 MOST_JSON = 2**16
@@ -33,12 +34,7 @@ HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class AccessRules:
-    """The rules by which requests are accepted.
-
-    Attributes:
-        hosts: accepted values of the header Host; all, if there is a token.
-        token: that all requests must know; None on the loopback.
-    """
+    """The accepted values of the header Host; or, but on the loopback, a token that all requests must know."""
 
     hosts: frozenset[str]
     token: str | None
@@ -63,12 +59,7 @@ class AccessRules:
 
 
 class AccessMiddleware:
-    """Refuses requests by their headers, bodies by their size, and adds the headers that keep a page offline.
-
-    Args:
-        app: the application.
-        rules: of access.
-    """
+    """Refuses requests by their headers, bodies by their size, and adds the headers that keep a page offline."""
 
     def __init__(self, app: ASGIApp, rules: AccessRules) -> None:
         self.app, self.rules = app, rules
@@ -79,7 +70,7 @@ class AccessMiddleware:
             return
         rejected = self.rules.rejection(scope) or _too_large(scope)
         if rejected is not None:
-            await _reject(scope, receive, send, *rejected)
+            await _refusal(scope, *rejected)(scope, receive, send)
             return
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
@@ -96,8 +87,7 @@ class AccessMiddleware:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-                message = {**message, "headers": [*message.get("headers", []), *headers]}
+                MutableHeaders(scope=message).update(HEADERS)
             await send(message)
 
         await self.app(scope, bounded, with_headers)
@@ -119,14 +109,8 @@ def _at_most(most: int) -> str:
     return f"expected at most {most:,} bytes"
 
 
-async def _reject(scope: Scope, receive: Receive, send: Send, status: int, sentence: str) -> None:
+def _refusal(scope: Scope, status: int, sentence: str) -> ASGIApp:
     if scope["type"] == "websocket":
-        await receive()  # the message that it connects
-        await send({"type": "websocket.close", "code": 1008, "reason": sentence[:100]})
-        return
-    body = json.dumps({"error": sentence}).encode()
-    headers = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
-    headers += [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    headers += [(b"connection", b"close")]  # the rest of the body is not read
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+        return WebSocketClose(1008, sentence[:100])
+    headers = {**HEADERS, "connection": "close"}  # the rest of the body is not read
+    return JSONResponse({"error": sentence}, status, headers)

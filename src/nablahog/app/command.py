@@ -16,11 +16,7 @@ PACKAGES = ("starlette", "uvicorn", "websockets", "msgspec")
 
 
 def app(arguments: Namespace) -> None:
-    """Serves the page until it is interrupted.
-
-    Raises:
-        UserError: the extra is not installed, a photograph cannot be read, or the port is taken.
-    """
+    """Serves the page until it is interrupted."""
     try:
         import uvicorn
 
@@ -48,11 +44,7 @@ def app(arguments: Namespace) -> None:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens; the connections that it accepts send at once.
-
-    Raises:
-        UserError: the address or the port cannot be had.
-    """
+    """A socket that listens; the connections that it accepts send at once."""
     try:
         made = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:

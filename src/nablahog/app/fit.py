@@ -22,10 +22,8 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
-from . import lines
-from .errors import as_request_error
-from .pictures import encoded, glyphs, png, transparent
-from .requests import Fit, Open, PoseRequest
+from .answers import encoded, glyphs, lines_for_pose, png
+from .requests import Fit, Open, PoseRequest, as_request_error
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -38,14 +36,7 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object and a model.
-
-    Attributes:
-        photograph: the whole.
-        model: the mesh.
-        box: of the object, pixels of the photograph.
-        crop: of it.
-    """
+    """A photograph's object, with its box in pixels and its crop, and a model."""
 
     photograph: Photograph
     model: MeshEntry
@@ -54,11 +45,7 @@ class Fitting:
 
     @classmethod
     def of(cls, request: Open | PoseRequest, store: Store) -> Fitting:
-        """The photograph's object and the model that a request names.
-
-        Raises:
-            RequestError: it is not there, or the box is none.
-        """
+        """The photograph's object and the model that a request names."""
         photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
         with as_request_error():
@@ -106,7 +93,7 @@ class Fitting:
             "pose": _rounded(poses[0]),
             "similarity": float(values[0]),
             "derivative": _rounded(derivatives[0]),
-            "image": encoded(transparent(own, opacity)),
+            "image": encoded(png(own, opacity)),
             "votes": glyphs(describe(white[None, None], SPEC)[0], SPEC),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
@@ -175,14 +162,8 @@ class Fitting:
         self, estimate: PoseEstimate, request: Fit, initial: tuple[float, float] | None, photo: str, mesh: str
     ) -> dict[str, Any]:
         """The message that ends a search."""
-        same = PoseRequest(
-            photo=photo,
-            mesh=mesh,
-            box=list(self.box),
-            method=request.method,
-            initial=None if initial is None else list(initial),
-            seed=request.seed,
-        )
+        here = None if initial is None else list(initial)
+        same = PoseRequest(photo, mesh, list(self.box), request.method, here, request.seed)
         return {
             "type": "fitted",
             "pose": _rounded(estimate.crop_pose),
@@ -190,7 +171,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
             "warning": warning(estimate),
-            "lines": lines.of_pose(same, self.model.name),
+            "lines": lines_for_pose(same, self.model.name),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

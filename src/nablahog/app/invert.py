@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from .. import metrics
-from ..cli.inputs.prior import PriorOptions
-from ..cli.results.inversion import MEASURES, SURE
+from ..cli.results.inversion import MEASURES, SURE, PriorOptions
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
@@ -21,10 +20,8 @@ from ..invert.histograms import recover_histograms, searchable, starting_images
 from ..invert.learned import PriorChoice
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
-from . import lines
-from .errors import RequestError, as_request_error
-from .pictures import encoded, png
-from .requests import INVERT_SIZE, InvertRequest
+from .answers import encoded, lines_for_inversion, png
+from .requests import INVERT_SIZE, InvertRequest, RequestError, as_request_error
 from .see import requested_descriptor
 from .store import Photograph, Store
 from .work_queue import CancelToken
@@ -36,18 +33,7 @@ Send = Callable[[str, dict[str, Any]], None]
 
 
 def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken) -> None:
-    """Searches the image, and sends the events ``start``, ``frame`` and ``done``.
-
-    Args:
-        request: what to invert, and how.
-        store: has what the request names, and gets the result.
-        send: called with the name of an event and its data.
-        cancel: is set when nobody waits any more.
-
-    Raises:
-        RequestError: the request cannot be done.
-        Cancelled: nobody waits.
-    """
+    """Searches the image, sends the events ``start``, ``frame`` and ``done``, and puts the result into the store."""
     of = requested_descriptor(request, store)
     source = of.source
     height, width = source.image_size
@@ -86,7 +72,7 @@ def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
             "history": _thinned(result.history[:, 0]),
-            "lines": lines.of_inversion(request, source),
+            "lines": lines_for_inversion(request, source),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
     )
@@ -131,8 +117,7 @@ def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
 class _Watch:
     """Sends a frame of the search now and then, and ends it when nobody waits.
 
-    Attributes:
-        most: evaluations that the search may spend; None where iterations are counted.
+    At most ``most`` evaluations are spent; None where iterations are counted.
     """
 
     def __init__(

@@ -1,19 +1,72 @@
-"""The page's requests, as JSON: their fields, types and ranges, checked when a request is decoded."""
+"""The page's requests, as JSON: their fields, types and ranges; its errors: one sentence, with the status of HTTP."""
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta, Struct, field
 
-from ..cli.inputs.spec import SpecOptions
+from ..cli.arguments.presets import PRESETS, SpecOptions
+from ..cli.errors import MOST_CHARACTERS, UserError
 from ..hog import HOGSpec
 from ..invert.choices import QualityName
 from ..pose.options import SearchMethod
-from .errors import RequestError, as_request_error
+from ..runtime.text import one_line
 
+GONE = "the server no longer has this upload: drop it again"
+logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
+
+
+class RequestError(Exception):
+    """An error that the user of the page can correct: a status of HTTP, and an answer with a sentence."""
+
+    def __init__(self, status: int, sentence: str, **more: Any) -> None:
+        super().__init__(sentence)
+        self.status = status
+        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_CHARACTERS), **more}
+
+
+@contextmanager
+def as_request_error() -> Iterator[None]:
+    """Turns what bad input raises in the block into a RequestError."""
+    try:
+        yield
+    except RequestError:
+        raise
+    except (ValueError, TypeError, UserError, OSError) as error:
+        raise RequestError(422, str(error)) from None
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "memory" not in str(error):
+            raise
+        raise RequestError(503, "not enough memory: a smaller size needs less") from None
+
+
+@contextmanager
+def named(path: str, name: str) -> Iterator[None]:
+    """As :func:`as_request_error`; the sentence calls the file ``path`` by the user's own ``name``."""
+    try:
+        with as_request_error():
+            yield
+    except RequestError as error:
+        error.answer["error"] = error.answer["error"].replace(path, name)
+        raise
+
+
+def as_answer(error: Exception) -> RequestError:
+    """An error as the page is told; one of the program's own is logged."""
+    if isinstance(error, RequestError):
+        return error
+    logger.error("%s: %s", type(error).__name__, one_line(error), exc_info=logger.isEnabledFor(logging.DEBUG))
+    return RequestError(
+        500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}"
+    )
+
+
 Name = Annotated[str, Meta(max_length=64)]
 Text = Annotated[str, Meta(max_length=200)]
 Id = Annotated[str, Meta(min_length=1, max_length=64)]
@@ -32,22 +85,12 @@ class Dialect(Struct, forbid_unknown_fields=True):
     settings: Settings = field(default_factory=dict)
 
     def spec(self) -> HOGSpec:
-        """The spec.
-
-        Raises:
-            RequestError: there is no such preset or parameter, or its value is out of range.
-        """
+        """The spec; RequestError if there is no such preset or parameter, or its value is out of range."""
         return spec_options(self.preset, self.settings).spec()
 
 
 def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
-    """The options of the command line that mean the same; of no preset, none.
-
-    Raises:
-        RequestError: there is no such preset or parameter, or its value is out of range.
-    """
-    from ..cli.arguments.preset_parameters import PRESETS
-
+    """The options of the command line that mean the same; of no preset, none."""
     if preset is not None and preset not in PRESETS:
         raise RequestError(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
     with as_request_error():
@@ -125,11 +168,7 @@ Decoded = TypeVar("Decoded")
 
 
 def decoded(data: bytes | str, kind: type[Decoded] | Any) -> Decoded:
-    """JSON as a request.
-
-    Raises:
-        RequestError: it is none; the sentence says what was expected where.
-    """
+    """JSON as a request; the sentence of a RequestError says what was expected where."""
     try:
         request: Decoded = msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:

@@ -9,25 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from ..cli.inputs.sources import from_photo
 from ..hog.box import Box
 from ..hog.coordinates import cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes
-from . import lines
-from .errors import RequestError, as_request_error
-from .pictures import glyphs
-from .requests import HogRequest, InvertRequest
-from .store import DescriptorEntry, Photograph, Store, describe_photograph
+from .answers import glyphs, lines_for_hog
+from .requests import HogRequest, InvertRequest, RequestError, as_request_error
+from .store import DescriptorEntry, Photograph, Store
 
 
 def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> DescriptorEntry:
-    """The descriptor that a request is about.
-
-    Raises:
-        RequestError: it names neither a photograph nor a descriptor, or both, or one that is not there, or the
-            photograph is too small for the dialect.
-    """
+    """The descriptor that a request is about."""
     if (request.photo is None) == (request.descriptor is None):
         raise RequestError(422, "expected a photo or a descriptor, one of them")
     if request.descriptor is not None:
@@ -35,7 +29,7 @@ def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> D
     assert request.photo is not None
     photograph, spec = store.get(request.photo, Photograph), request.spec()
     with as_request_error():
-        return describe_photograph(photograph, spec, request.size)
+        return DescriptorEntry(from_photo(photograph.name, "photo", photograph.shrunk(request.size), spec, size=0))
 
 
 def see(request: HogRequest, store: Store) -> dict[str, Any]:
@@ -53,7 +47,7 @@ def see(request: HogRequest, store: Store) -> dict[str, Any]:
         "signed": source.spec.signed,
         "image_size": list(source.image_size),
         "glyphs": drawn,
-        "lines": lines.of_hog(request, source),
+        "lines": lines_for_hog(request, source),
         "milliseconds": round(1000 * (time.perf_counter() - began), 2),
     }
 

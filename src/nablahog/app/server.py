@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from starlette.applications import Starlette
@@ -20,14 +20,13 @@ from starlette.routing import Route, WebSocketRoute
 from ..io.images import SAMPLE_NAMES, sample_photograph
 from ..paper.scenes import scene
 from ..render import sample_chairs
-from . import see, uploads
+from . import see, store
 from .about import about
 from .access import AccessMiddleware, AccessRules
-from .errors import RequestError, internal_error
+from .answers import png
 from .fit import Fitting
 from .invert import invert
-from .pictures import png
-from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, decoded
+from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, RequestError, as_answer, decoded
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -38,20 +37,12 @@ CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
 QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the second in seconds
-FRAMES = 3  # of an inversion that may wait for a slow page; more are dropped
 Answer = TypeVar("Answer")
+Handler: TypeAlias = Callable[[Request], Awaitable[Response]]
 
 
 class Server:
-    """The state that the routes share.
-
-    Args:
-        photographs: given on the command line, by name.
-
-    Attributes:
-        store: of uploads.
-        quick, long: where it computes.
-    """
+    """The state that the routes share: uploads, and the queues where it computes."""
 
     def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
         self.store = Store(secrets.token_bytes(16))
@@ -92,10 +83,10 @@ class Server:
             Route("/", page),
             Route("/static/{name}", static),
             Route("/api/about", _answering(self._what_there_is)),
-            Route("/api/photos", _answering(self._upload_photograph), methods=["POST"]),
+            Route("/api/photos", self._upload("photo", store.photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
-            Route("/api/descriptors", _answering(self._upload_descriptor), methods=["POST"]),
-            Route("/api/meshes", _answering(self._upload_mesh), methods=["POST"]),
+            Route("/api/descriptors", self._upload("descriptor", store.descriptor), methods=["POST"]),
+            Route("/api/meshes", self._upload("model", store.mesh), methods=["POST"]),
             Route("/api/hog", _answering(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _answering(self._cell)),
             Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
@@ -111,26 +102,19 @@ class Server:
         """The answer of ``/api/about``, once the samples are read."""
         return await asyncio.shield(self._about)
 
-    async def _upload_photograph(self, request: Request) -> Response:
-        name = _name(request, "photo")
-        return await self._uploaded(request, lambda data: uploads.photograph(data, name, self.store))
+    def _upload(self, default: str, keep: Callable[[bytes, str, Mapping[str, str], Store], dict[str, Any]]) -> Handler:
+        """The handler of uploads of a kind; few are in memory at once, whoever is slow is refused."""
 
-    async def _upload_descriptor(self, request: Request) -> Response:
-        name, query = _name(request, "descriptor"), dict(request.query_params)
-        return await self._uploaded(request, lambda data: uploads.descriptor(data, name, query, self.store))
+        async def uploaded(request: Request) -> Response:
+            name, query = _name(request, default), dict(request.query_params)
+            async with self._uploads:
+                try:
+                    data = await asyncio.wait_for(request.body(), PATIENCE)
+                except asyncio.TimeoutError:
+                    raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds") from None
+                return await self._json(request, self.quick, lambda _: keep(data, name, query, self.store))
 
-    async def _upload_mesh(self, request: Request) -> Response:
-        name, query = _name(request, "model"), dict(request.query_params)
-        return await self._uploaded(request, lambda data: uploads.mesh(data, name, query, self.store))
-
-    async def _uploaded(self, request: Request, keep: Callable[[bytes], dict[str, Any]]) -> Response:
-        """The answer to an upload; few are in memory at once, whoever is slow is refused."""
-        async with self._uploads:
-            try:
-                data = await asyncio.wait_for(request.body(), PATIENCE)
-            except asyncio.TimeoutError:
-                raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds") from None
-            return await self._json(request, self.quick, lambda _: keep(data))
+        return _answering(uploaded)
 
     async def _photograph(self, request: Request) -> Response:
         kept, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
@@ -169,35 +153,19 @@ class Server:
 
     async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:
         """The events of an inversion; when the page goes, this is closed, and the search ends."""
-        loop, events = asyncio.get_running_loop(), asyncio.Queue[tuple[str, dict[str, Any]] | None]()
 
-        def put(name: str, data: dict[str, Any]) -> None:
-            if name != "frame" or events.qsize() < FRAMES:
-                events.put_nowait((name, data))
-
-        def send(name: str, data: dict[str, Any]) -> None:
-            loop.call_soon_threadsafe(put, name, data)
-
-        async def searched() -> None:
-            try:
-                await self.long.run(lambda cancel: invert(asked, self.store, send, cancel))
-            except RequestError as error:
-                put("error", error.answer)
-            except Cancelled:
-                pass
-            except Exception as error:
-                put("error", internal_error(error).answer)
-            finally:
-                events.put_nowait(None)
+        def searched(send: Callable[[tuple[str, dict[str, Any]]], None], cancel: CancelToken) -> None:
+            invert(asked, self.store, lambda name, data: send((name, data)), cancel)
 
         yield _event("queued", {"waiting": self.long.count})
-        search = asyncio.create_task(searched())
         try:
-            while (event := await events.get()) is not None:
-                yield _event(*event)
-            await search
-        finally:
-            search.cancel()
+            async with aclosing(self.long.stream(searched, lambda event: event[0] == "frame")) as events:
+                async for event in events:
+                    yield _event(*event)
+        except Cancelled:
+            pass
+        except Exception as error:
+            yield _event("error", as_answer(error).answer)
 
     async def _fit(self, socket: Any) -> None:
         await self.ready()
@@ -238,21 +206,19 @@ def _chair_scene() -> Photograph:
     return Photograph("a chair, rendered", made.image, tuple(round(side, 1) for side in made.box))
 
 
-def _answering(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+def _answering(handler: Handler) -> Handler:
     """A handler whose errors are JSON."""
 
     async def answered(request: Request) -> Response:
         try:
             await request.app.state.server.ready()
             return await handler(request)
-        except RequestError as error:
-            return JSONResponse(error.answer, error.status)
         except (ClientDisconnect, Cancelled):
             return Response(status_code=499)  # nobody reads it
         except HTTPException:
             raise
         except Exception as error:
-            told = internal_error(error)
+            told = as_answer(error)
             return JSONResponse(told.answer, told.status)
 
     return answered
@@ -288,12 +254,7 @@ def _integer(request: Request, name: str, default: int | None = None) -> int:
 
 
 def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Starlette:
-    """The application.
-
-    Args:
-        rules: of access.
-        photographs: given on the command line.
-    """
+    """The application, with the photographs that were given on the command line."""
     server = Server(photographs)
     app = Starlette(
         routes=server.routes(), lifespan=server.lifespan, exception_handlers={HTTPException: _no_such_address}

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from contextlib import aclosing
+from functools import partial
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from torch import Tensor
 
-from .errors import RequestError, internal_error
 from .fit import Fitting
-from .requests import Curve, Fit, FitMessage, Open, Stop, Turn, decoded
+from .requests import Curve, Fit, FitMessage, Open, RequestError, Stop, Turn, as_answer, decoded
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
@@ -20,13 +20,7 @@ MOST_CHARACTERS = 2**14  # of a message
 
 
 class FitSocket:
-    """One page's scene.
-
-    Args:
-        socket: not yet accepted.
-        store: of uploads.
-        quick, long: where it computes.
-    """
+    """One page's scene; the socket is not yet accepted."""
 
     def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long
@@ -41,7 +35,7 @@ class FitSocket:
         await self.socket.accept()
         try:
             while True:
-                await self._answer(await self.socket.receive_text())
+                await self._with_errors(self._do(await self.socket.receive_text()))
         except (WebSocketDisconnect, KeyError):  # the latter: a message of bytes
             pass
         finally:
@@ -49,24 +43,15 @@ class FitSocket:
                 if task is not None:
                     task.cancel()
 
-    async def _answer(self, text: str) -> None:
-        try:
-            if len(text) > MOST_CHARACTERS:
-                raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
-            await self._do(decoded(text, FitMessage))
-        except RequestError as error:
-            await self._send({"type": "error", **error.answer})
-        except (WebSocketDisconnect, asyncio.CancelledError):
-            raise
-        except Exception as error:
-            await self._send({"type": "error", **internal_error(error).answer})
-
-    async def _do(self, message: FitMessage) -> None:
+    async def _do(self, text: str) -> None:
+        if len(text) > MOST_CHARACTERS:
+            raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
+        message: FitMessage = decoded(text, FitMessage)
         if isinstance(message, Open):
             await self._stop()
             self.scene = await self.quick.run(lambda _: Fitting.of(message, self.store))
             self.names = message.photo, message.mesh
-            await self._send(await self.long.run(lambda _: self._opened().ready()))
+            await self._answer(self.long, self._opened().ready)
         elif isinstance(message, Turn):
             self._opened()
             self._turn = message
@@ -94,64 +79,41 @@ class FitSocket:
     async def _turned(self) -> None:
         """Answers the newest pose until there is none."""
         while self._turn is not None:
-            turn, self._turn, scene = self._turn, None, self._opened()
-
-            def view(_: CancelToken, turn: Turn = turn, scene: Fitting = scene) -> dict[str, Any]:
-                return scene.view(turn.n, turn.pose, turn.place)
-
-            async def answer(work: Any = view) -> None:
-                await self._send(await self.quick.run(work))
-
-            await self._with_errors(answer())
+            turn, self._turn = self._turn, None
+            view = partial(self._opened().view, turn.n, turn.pose, turn.place)
+            await self._with_errors(self._answer(self.quick, view))
 
     async def _curve(self, message: Curve) -> None:
         """The curve, part by part, so that poses that are dragged meanwhile need not wait for all of it."""
         scene = self._opened()
         parts = await self.quick.run(lambda _: scene.around(message.pose))
-        for number, poses in enumerate(parts):
-
-            def part(_: CancelToken, poses: Tensor = poses, done: bool = number == len(parts) - 1) -> dict[str, Any]:
-                return scene.curve(poses, done)
-
-            await self._send(await self.quick.run(part))
+        for number, poses in enumerate(parts, 1):
+            await self._answer(self.quick, partial(scene.curve, poses, number == len(parts)))
 
     async def _fit(self, message: Fit) -> None:
         """The poses that a search comes to, and its result."""
-        loop, answers, scene = asyncio.get_running_loop(), asyncio.Queue[dict[str, Any] | None](), self._opened()
-        here = message.pose if message.from_here else None
+        scene, here = self._opened(), message.pose if message.from_here else None
         initial = None if here is None else (here[0], min(max(here[1], -90.0), 90.0))
 
-        def send(answer: dict[str, Any]) -> None:
-            loop.call_soon_threadsafe(answers.put_nowait, answer)
-
-        def work(cancel: CancelToken) -> None:
+        def work(send: Callable[[dict[str, Any]], None], cancel: CancelToken) -> None:
             send(scene.fitted(scene.fit(message, send, cancel, initial), message, initial, *self.names))
 
-        async def worked() -> None:
-            try:
-                await self.long.run(work)
-            finally:
-                answers.put_nowait(None)
-
-        task = asyncio.create_task(worked())
-        try:
-            while (answer := await answers.get()) is not None:
+        async with aclosing(self.long.stream(work)) as answers:
+            async for answer in answers:
                 await self._send(answer)
-            await task
-        finally:
-            task.cancel()
 
     async def _with_errors(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
-        except RequestError as error:
-            await self._send({"type": "error", **error.answer})
         except Cancelled:
             pass
-        except (WebSocketDisconnect, asyncio.CancelledError):
+        except WebSocketDisconnect:
             raise
         except Exception as error:
-            await self._send({"type": "error", **internal_error(error).answer})
+            await self._send({"type": "error", **as_answer(error).answer})
+
+    async def _answer(self, queue: WorkQueue, work: Callable[[], dict[str, Any]]) -> None:
+        await self._send(await queue.run(lambda _: work()))
 
     async def _send(self, message: dict[str, Any]) -> None:
         await self.socket.send_text(json.dumps(message, allow_nan=False))

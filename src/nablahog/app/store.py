@@ -1,35 +1,49 @@
-"""Uploads and what was computed of them, in memory, up to a bound: the oldest that nobody asked for goes first."""
+"""Uploads: photographs, files of descriptors, templates of detectors, and meshes; what was not used longest goes first.
+
+A file is written under a name of our own into a temporary folder, read by the same functions as the command line's, and
+removed; nothing else of a request becomes a path.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
+import re
+import tempfile
+import warnings
 from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
+from PIL import Image
 from torch import Tensor
 
-from ..cli.inputs.sources import Source, from_photo
-from ..hog import HOGSpec
-from ..io.images import limit_size
-from ..render import Mesh
-from .errors import GONE, RequestError
-from .requests import SEE_SIZE
+from ..cli.arguments.presets import SpecOptions
+from ..cli.inputs.arrays import ArrayOptions, presets_that_fit
+from ..cli.inputs.sources import Source
+from ..cli.inputs.templates import read_templates
+from ..io.arrays import is_raw, read_array
+from ..io.descriptor_file import load_descriptor
+from ..io.images import limit_size, read_image, register_heif
+from ..render import Mesh, load_mesh
+from .requests import GONE, SEE_SIZE, RequestError, Settings, decoded, named, spec_options
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
+MOST_PIXELS = 24_000_000  # in a photograph
+MOST_NUMBERS = 2**24  # in a descriptor
+MOST_CELLS = 2**14  # in a descriptor, that the page can draw
+ARRAYS, MESHES = (".npy", ".npz", ".mat"), (".off", ".obj", ".ply", ".stl", ".glb")
+AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
 
 @dataclass(eq=False)
 class Photograph:
-    """A photograph.
-
-    Attributes:
-        name: of its file.
-        image: (C, H, W), float32 in 0…1.
-        box: of an object in it, x0, y0, x1, y1 in pixels, if one is known.
-    """
+    """A photograph (C, H, W), float32 in 0…1, and the box of an object in it, in pixels, if one is known."""
 
     name: str
     image: Tensor
@@ -60,12 +74,7 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class DescriptorEntry:
-    """A descriptor: of a photograph, of a file, or a detector's template.
-
-    Attributes:
-        source: the descriptor, its spec and size, and the photograph where it is known.
-        template: whether these are the weights of a linear detector.
-    """
+    """A descriptor, of a photograph or a file; with ``template``, it is the weights of a linear detector."""
 
     source: Source
     template: bool = False
@@ -79,12 +88,7 @@ class DescriptorEntry:
 
 @dataclass(frozen=True, eq=False)
 class MeshEntry:
-    """A mesh, normalised.
-
-    Attributes:
-        name: of its file.
-        mesh: of the model.
-    """
+    """A mesh, normalised, and the name of its file."""
 
     name: str
     mesh: Mesh
@@ -99,12 +103,7 @@ Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
 
 
 class Store:
-    """Uploads, by ids that are made of their content and a secret of this process.
-
-    Args:
-        secret: so that ids cannot be guessed.
-        most: bytes in all.
-    """
+    """At most ``most`` bytes of uploads, by ids of their content and a secret, so that ids cannot be guessed."""
 
     def __init__(self, secret: bytes, most: int = MOST_BYTES) -> None:
         self._secret, self._most = secret, most
@@ -126,11 +125,7 @@ class Store:
         return {key: each for key, each in self._pinned.items() if isinstance(each, kind)}
 
     def add(self, kept: Photograph | DescriptorEntry | MeshEntry, *content: bytes) -> str:
-        """Keeps something; the same content has the same id.
-
-        Raises:
-            RequestError: it is larger than all that may be kept.
-        """
+        """Keeps something, unless it is larger than all that may be kept; the same content has the same id."""
         if kept.nbytes > self._most:
             raise RequestError(
                 413, f"this takes {kept.nbytes:,} bytes of memory, more than the {self._most:,} there are"
@@ -147,11 +142,7 @@ class Store:
         return key
 
     def get(self, key: str, kind: type[Kept]) -> Kept:
-        """The object of a kind that has this id.
-
-        Raises:
-            RequestError: there is nothing of this kind under it, or no longer.
-        """
+        """The object of a kind that has this id; RequestError if there is none, or no longer."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -161,7 +152,113 @@ class Store:
         return item
 
 
-def describe_photograph(photograph: Photograph, spec: HOGSpec, size: int) -> DescriptorEntry:
-    """The descriptor of a photograph that is shrunk to at most ``size`` pixels, as the command line has it."""
-    photo = photograph.shrunk(size)
-    return DescriptorEntry(from_photo(photograph.name, "photo", photo, spec, size=0))
+def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> dict[str, Any]:
+    """Keeps a photograph of any format that the command line reads."""
+    _check_pixels(data, name)
+    with _as_file(data, name, "photo") as path:
+        kept = Photograph(name, read_image(path))
+    height, width = kept.size
+    return {"id": store.add(kept, data), "name": name, "width": width, "height": height}
+
+
+def _check_pixels(data: bytes, name: str) -> None:
+    """Refuses, by its first bytes alone, an image of too many pixels."""
+    register_heif()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            width, height = Image.open(io.BytesIO(data)).size
+    except Exception:  # decoding it will say what is wrong
+        return
+    if width * height > MOST_PIXELS:
+        raise RequestError(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
+
+
+def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
+    """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
+    ending = Path(name).suffix.lower()
+    if ending not in ARRAYS:
+        raise RequestError(422, f"{name}: expected a descriptor of {', '.join(ARRAYS)}")
+    template = query.get("as") == "template"
+    settings: dict[str, str] = decoded(query.get("settings") or "{}", Settings)
+    options, size = spec_options(query.get("preset") or None, settings), _image_size(query.get("image_size"))
+    arrays = ArrayOptions(size, query.get("key") or None)
+    with _as_file(data, name, f"descriptor{ending}") as path:
+        try:
+            with named(str(path), name):
+                sources = _sources(str(path), name, options, arrays, template)
+        except RequestError as error:
+            if is_raw(path):
+                error.answer["question"] = _question(path, arrays)
+            raise
+    parts = []
+    for source in sources:
+        rows, cols, _ = source.descriptor.shape
+        if source.descriptor.numel() > MOST_NUMBERS or rows * cols > MOST_CELLS:
+            raise RequestError(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
+        content = source.name, source.spec.to_json(), str((source.image_size, template))
+        key = store.add(DescriptorEntry(source, template), data, *map(str.encode, content))
+        parts.append({"id": key, "name": source.name})
+    first = sources[0]
+    return {
+        "id": parts[0]["id"],
+        "name": name,
+        "template": template,
+        "parts": parts,
+        "shape": list(first.descriptor.shape),
+        "preset": first.spec.name,
+        "image_size": list(first.image_size),
+    }
+
+
+def _sources(path: str, name: str, options: SpecOptions, arrays: ArrayOptions, template: bool) -> list[Source]:
+    if template:
+        return [
+            Source(each.part or name, "template", each.descriptor, each.spec, each.image_size, None)
+            for each in read_templates(path, options, arrays)
+        ]
+    of_file = arrays.read(path, options) if is_raw(path) else load_descriptor(path)
+    return [Source(name, "descriptor", of_file.descriptor.float(), of_file.spec, of_file.image_size, None)]
+
+
+def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
+    """The names of the arrays where there are several, or the presets that fit the one."""
+    shape: tuple[int, ...] | None = None
+    keys: list[str] | None = None
+    try:
+        shape = read_array(path, arrays.key).shape
+    except (ValueError, OSError) as error:
+        keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2]) or None
+    return {"keys": keys, "fitting": [] if shape is None else presets_that_fit(shape, arrays.image_size)}
+
+
+def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
+    """Keeps the mesh in a file."""
+    ending, up, front = Path(name).suffix.lower(), query.get("up", ""), query.get("front", "")
+    if ending not in MESHES:
+        raise RequestError(422, f"{name}: expected a model of {', '.join(MESHES)}")
+    if up not in AXES or front not in AXES:
+        raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
+    with _as_file(data, name, f"model{ending}") as path:
+        kept = MeshEntry(name, load_mesh(path, up=up or None, front=front or None))
+    key = store.add(kept, data, ending.encode(), up.encode(), front.encode())
+    return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
+
+
+def _image_size(text: str | None) -> tuple[int, int] | None:
+    if not text:
+        return None
+    match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
+    if match is None:
+        raise RequestError(422, f"expected an image size as 128x64, height first, got {text[:40]!r}")
+    return int(match[1]), int(match[2])
+
+
+@contextmanager
+def _as_file(data: bytes, name: str, own_name: str) -> Iterator[Path]:
+    """The bytes in a file of a temporary folder; errors call it by the user's name."""
+    with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
+        path = Path(folder, own_name)
+        path.write_bytes(data)
+        with named(str(path), name):
+            yield path

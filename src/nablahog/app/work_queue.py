@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TypeVar
 
-from .errors import RequestError
+from .requests import RequestError
 
 T = TypeVar("T")
+WAITING = 3  # frames of a search that wait for a slow page; more are dropped
 
 
 class Cancelled(Exception):
@@ -34,26 +35,14 @@ class CancelToken:
 
 
 class WorkQueue:
-    """A thread that runs one computation after the other, and a bounded queue.
-
-    Args:
-        name: of the thread.
-        most: computations that may wait or run; more are refused.
-
-    Attributes:
-        count: computations that wait or run.
-    """
+    """A thread that runs one computation after the other; at most ``most`` wait or run, ``count`` do now."""
 
     def __init__(self, name: str, most: int) -> None:
         self.most, self.count = most, 0
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=name)
 
     async def run(self, work: Callable[[CancelToken], T]) -> T:
-        """The result of ``work``; if this coroutine is cancelled, the work ends at its next check.
-
-        Raises:
-            RequestError: too much waits.
-        """
+        """The result of ``work``; if this coroutine is cancelled, the work ends at its next check."""
         if self.count >= self.most:
             raise RequestError(503, f"the server is busy: {self.count} computations wait already; try again")
         cancel = CancelToken()
@@ -70,6 +59,31 @@ class WorkQueue:
             return await asyncio.wrap_future(future)
         finally:
             cancel.cancel()
+
+    async def stream(
+        self, work: Callable[[Callable[[T], None], CancelToken], None], droppable: Callable[[T], bool] = lambda _: False
+    ) -> AsyncGenerator[T, None]:
+        """What ``work`` sends, as it comes; when this is closed, the work ends.
+
+        Of what is droppable, :data:`WAITING` wait for a slow reader.
+        """
+        loop, sent = asyncio.get_running_loop(), asyncio.Queue[T | None]()
+
+        def put(item: T) -> None:
+            if not droppable(item) or sent.qsize() < WAITING:
+                sent.put_nowait(item)
+
+        def send(item: T) -> None:
+            loop.call_soon_threadsafe(put, item)
+
+        task = asyncio.create_task(self.run(lambda cancel: work(send, cancel)))
+        task.add_done_callback(lambda _: sent.put_nowait(None))
+        try:
+            while (item := await sent.get()) is not None:
+                yield item
+            await task
+        finally:
+            task.cancel()
 
     def _left(self) -> None:
         self.count -= 1

@@ -227,19 +227,9 @@ def _outside(gx: NDArray[Any], gy: NDArray[Any], bins: int) -> NDArray[np.bool_]
 
 
 def _glyphs(cells: Tensor, cell_size: tuple[int, int], size: tuple[int, int], dtype: torch.dtype) -> Tensor:
-    """Draws a line in each cell for each bin, at right angles to its gradients; lines that meet add up.
+    """An image of a line in each cell for each bin, as bright as ``cells`` (bins, rows, cols); lines that meet add up.
 
-    Args:
-        cells: (bins, rows, cols), the brightness of the lines.
-        cell_size: (height, width) in pixels.
-        size: (height, width) of the image.
-        dtype: of the image, and of the sums.
-
-    Returns:
-        The image, on the device of ``cells``; differentiable, linear in them.
-
-    Raises:
-        ValueError: cells are one pixel wide, and a line leaves the image.
+    Lines are at right angles to the gradients of their bins.  The image is linear in ``cells``, and differentiable.
     """
     pixels, entries = (torch.from_numpy(index).to(cells.device) for index in _strokes(cells.shape, cell_size, size[1]))
     image = torch.zeros(size[0] * size[1], dtype=dtype, device=cells.device)

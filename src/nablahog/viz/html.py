@@ -1,25 +1,111 @@
-"""Figures and pictures as one self-contained HTML page."""
+"""Figures, pictures and drawings as one self-contained HTML page."""
 
 from __future__ import annotations
 
+import base64
+import io
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import torch
 
-from .environment import environment, png
+from ..io.images import Picture, to_pil
 from .pictures import Panel
-from .svg import Drawing
 
 if TYPE_CHECKING:
     import jinja2
 
+COLOURS = {  # by name: in light mode and in dark mode
+    "ground": ("#ffffff", "#15171a"),  # of pages
+    "text": ("#282828", "#e4e6e8"),
+    "grid": ("#e1e1e1", "#33383e"),
+    "faint": ("#707070", "#8f979f"),
+    "curve": ("#184a96", "#7cb0ff"),
+    "path": ("#a85b00", "#f0a24a"),
+    "mark": ("#d9170c", "#ff6b61"),
+}
 LONG = 40  # characters above which a text in a table gets a wide column
-GRID = 6.8  # rem, the width of a column of pictures: ten fit on the page
+
+
+@cache
+def _template(name: str) -> jinja2.Template:
+    """A template that escapes all that is inserted, and knows no undefined name."""
+    import jinja2  # few commands need it
+
+    loader, undefined = jinja2.PackageLoader("nablahog.viz"), jinja2.StrictUndefined
+    made = jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)
+    made.filters |= {"png": png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
+    made.tests |= {
+        "cell": lambda value: isinstance(value, Cell),
+        "panel": lambda value: isinstance(value, Panel),
+        "long": lambda value: isinstance(value, str) and len(value) > LONG,
+    }
+    return made.get_template(name)
+
+
+def png(picture: Picture) -> str:
+    """A picture, as :func:`~nablahog.io.images.to_pil` takes it, as the text of a PNG in base64."""
+    buffer = io.BytesIO()
+    to_pil(picture).save(buffer, format="PNG", optimize=True)
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A line, or a dot, text or image at the one of its points, which is the upper left corner of an image.
+
+    The width is the radius of a dot, the text of an image its PNG in base64, and the anchor "start", "middle" or "end".
+    Colours are keys of :data:`COLOURS`.
+    """
+
+    kind: str
+    points: Sequence[Point]
+    colour: str = "text"
+    width: float = 1.0
+    text: str = ""
+    fill: str = "ground"
+    anchor: str = "start"
+
+
+@dataclass
+class Drawing:
+    """A drawing in pixels, y downwards, to which shapes are added from the back to the front.
+
+    Its title and description are for those who cannot see it.
+    """
+
+    width: int
+    height: int
+    title: str
+    description: str
+    shapes: list[Shape] = field(default_factory=list)
+
+    def line(self, points: Sequence[Point], colour: str, width: float = 1.0) -> None:
+        """Adds a line through points."""
+        self.shapes.append(Shape("line", points, colour, width))
+
+    def dot(self, place: Point, colour: str, radius: float, *, ringed: bool = False) -> None:
+        """Adds a dot, or a ring."""
+        self.shapes.append(Shape("dot", [place], colour, radius, fill="ground" if ringed else colour))
+
+    def note(self, place: Point, text: str, colour: str = "text", anchor: str = "start") -> None:
+        """Adds a text, whose base line is at the place."""
+        self.shapes.append(Shape("text", [place], colour, text=text, anchor=anchor))
+
+    def image(self, corner: Point, side: float, picture: Picture) -> None:
+        """Adds a square picture by its upper left corner."""
+        self.shapes.append(Shape("image", [corner], width=side, text=png(picture)))
+
+    def svg(self) -> str:
+        """The text of the SVG: a file, or a part of a page."""
+        return _template("drawing.svg").render(drawing=self, colours=COLOURS)
 
 
 @dataclass(frozen=True)
@@ -97,7 +183,7 @@ def page(
         first: a section above the table.
         caption: of the table.
     """
-    return _template().render(
+    return _template("page.html").render(
         title=title,
         lead=lead,
         rows=table,
@@ -109,72 +195,34 @@ def page(
     )
 
 
-def made(settings: str = "") -> str:
-    """The versions that made a page, and then the ``settings`` of the run, such as ", seed 0"."""
-    return f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
-
-
 def footer(figures: str, settings: str = "") -> str:
-    """The versions that made a page, and the files that have its figures with their full precision.
-
-    Args:
-        figures: the files, to end the sentence.
-        settings: of the run, to follow the versions, as ", seed 0".
-    """
-    return f"{made(settings)} All figures, with their full precision, are in {figures}."
-
-
-@cache
-def _template() -> jinja2.Template:
-    pages = environment().overlay()
-    pages.filters = {**pages.filters, "png": png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
-    tests: dict[str, Callable[[object], bool]] = {
-        "cell": lambda value: isinstance(value, Cell),
-        "panel": lambda value: isinstance(value, Panel),
-        "long": lambda value: isinstance(value, str) and len(value) > LONG,
-    }
-    pages.tests = {**pages.tests, **tests}
-    return pages.get_template("page.html")
-
-
-@dataclass(frozen=True)
-class _Column:
-    name: str
-    numeric: bool
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Rows below a heading, which is None where there is none."""
-
-    heading: str | None
-    rows: list[Mapping[str, object]]
+    """The versions that made a page, the settings of the run, as ", seed 0", and the files that have its figures."""
+    made = f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
+    return f"{made} All figures, with their full precision, are in {figures}."
 
 
 @dataclass(frozen=True)
 class _Table:
-    caption: str
-    columns: list[_Column]
-    groups: list[_Group]
-    grid: bool
+    """Which columns are of numbers, and rows in groups, below a heading each, which is None where there is none."""
 
-    @property
-    def width(self) -> float:
-        return GRID * len(self.columns)
+    caption: str
+    columns: dict[str, bool]
+    groups: list[tuple[str | None, list[Mapping[str, object]]]]
+    grid: bool
 
 
 def _table(rows: Sequence[Mapping[str, object]], caption: str) -> _Table:
     names = max(rows, key=len).keys()
     whole = [row for row in rows if len(row) == len(names)]
-    columns = [_Column(name, all(isinstance(_inner(row[name]), int | float | None) for row in whole)) for name in names]
-    groups = [_Group(None, [])]
+    columns = {name: all(isinstance(_inner(row[name]), int | float | None) for row in whole) for name in names}
+    groups: list[tuple[str | None, list[Mapping[str, object]]]] = [(None, [])]
     for row in rows:
         if len(row) == len(names):
-            groups[-1].rows.append(row)
+            groups[-1][1].append(row)
         else:
-            groups.append(_Group(figure(*row.values()), []))
+            groups.append((figure(*row.values()), []))
     grid = any(isinstance(_inner(value), Panel) for row in whole for value in row.values())
-    return _Table(caption, columns, [group for group in groups if group.heading is not None or group.rows], grid)
+    return _Table(caption, columns, [each for each in groups if any(each)], grid)
 
 
 def _inner(value: object) -> object:

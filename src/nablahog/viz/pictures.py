@@ -51,11 +51,7 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
 
 
 def glyph_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-    """:func:`edge_votes`, in 0…1: how bright :func:`glyphs` draws the stroke of each cell and orientation.
-
-    Raises:
-        ValueError: the shape is none of the spec's.
-    """
+    """:func:`edge_votes`, in 0…1: how bright :func:`glyphs` draws the stroke of each cell and orientation."""
     votes, angles = edge_votes(descriptor, spec)
     strongest = votes.max(axis=2, initial=0.0)
     if strongest.any():
@@ -73,11 +69,6 @@ def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[n
     half_width, half_length = max(0.5, min(height, width) / 24), min(height, width) / 2 - 0.5
     strokes: NDArray[np.float64] = np.clip(half_width + 0.5 - across, 0, 1) * np.clip(half_length + 0.5 - along, 0, 1)
     return strokes
-
-
-def cell_width(spec: HOGSpec, cell_pixels: int) -> int:
-    """Pixels across a cell of ``cell_pixels`` in height, in pictures of glyphs."""
-    return max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
 
 
 def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
@@ -126,7 +117,8 @@ def _votes_and_strokes(
     if cell_pixels < 1:
         raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
     votes, angles = glyph_votes(descriptor, spec)
-    return votes, _strokes(angles, cell_pixels, cell_width(spec, cell_pixels))
+    width = max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
+    return votes, _strokes(angles, cell_pixels, width)
 
 
 def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,11 +131,7 @@ def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[
 
 
 def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
-    """(picture - reference) / 2 + ½, both (H, W) in 0…1: gray where they agree, bright where ``picture`` is brighter.
-
-    Raises:
-        ValueError: the shapes differ.
-    """
+    """(picture - reference) / 2 + ½, both (H, W) in 0…1: gray where they agree, bright where the first is brighter."""
     a, b = as_array(picture), as_array(reference)
     if a.shape != b.shape:
         raise ValueError(f"expected two pictures of one shape, got {a.shape} and {b.shape}")
@@ -151,15 +139,7 @@ def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
 
 
 def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """A picture with the outline of a region drawn on it in red, two pixels wide.
-
-    Args:
-        picture: (C, H, W), C 1 or 3, in 0…1.
-        inside: (H, W), the region.
-
-    Returns:
-        (3, H, W) in 0…1.
-    """
+    """A picture (1 or 3, H, W) in 0…1 as (3, H, W) with the outline of a region (H, W) in red, two pixels wide."""
     drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *inside.shape)).copy()
     line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
     drawn[:, line] = np.array(RED)[:, None]
@@ -176,19 +156,7 @@ class Panel:
 
 
 def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: int = 8) -> Image.Image:
-    """Rows of pictures on white, each under its caption, all scaled to one height.
-
-    Args:
-        rows: at least one row with at least one panel; rows may differ in length.
-        height: of a picture, pixels.
-        margin: between pictures, pixels.
-
-    Returns:
-        An 8-bit RGB image.
-
-    Raises:
-        ValueError: there is no panel.
-    """
+    """Rows of pictures on white, each under its caption, all scaled to one height in pixels, as an 8-bit RGB image."""
     if not rows or not all(rows):
         raise ValueError("a contact sheet needs at least one row, and each row at least one panel")
     font = ImageFont.load_default(max(11, height // 16))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import ImageDraw
 
 from ..io.images import Picture, to_pil
+from .html import Drawing
 from .pictures import RED
-from .svg import Drawing
 
 Floats = NDArray[np.floating]
 
@@ -22,15 +22,7 @@ _MARK = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
 def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
-    """A picture with red boxes drawn on it.
-
-    Args:
-        picture: (H, W), (1, H, W) or (3, H, W) in 0…1.
-        boxes: x0, y0, x1, y1 in pixels, see :class:`~nablahog.hog.box.Box`; what is beyond the picture is not seen.
-
-    Returns:
-        (3, H, W) in 0…1.
-    """
+    """A picture in 0…1 as (3, H, W) with red boxes x0, y0, x1, y1 in pixels; what is beyond the picture is not seen."""
     drawn = to_pil(picture).convert("RGB")
     draw = ImageDraw.Draw(drawn)
     for x0, y0, x1, y1 in boxes:

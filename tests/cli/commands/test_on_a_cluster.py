@@ -13,7 +13,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog.cli.commands import hog_dataset
+from nablahog.cli.commands import hog
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
@@ -98,7 +98,7 @@ def test_a_real_one(tmp_path: Path, photo: str) -> None:
 @pytest.fixture
 def dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The descriptors of four images, and of one that is none, in files of two."""
-    monkeypatch.setattr(hog_dataset, "SHARD", 2)
+    monkeypatch.setattr(hog, "SHARD", 2)
     folder = tmp_path / "photos"
     folder.mkdir()
     for k in range(4):

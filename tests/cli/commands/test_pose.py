@@ -15,8 +15,8 @@ import pytest
 import torch
 from PIL import ExifTags, Image
 
+from nablahog.cli.commands import pose
 from nablahog.cli.main import main
-from nablahog.cli.results import pose_job
 from nablahog.io.images import write_image
 from nablahog.jobs import runner
 from nablahog.paper.lists import read_objects
@@ -99,29 +99,25 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
 def test_chairs_that_come_with_the_package(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pose_job, "sample_chairs", lambda: {"swivel-1": model(SWIVEL), "wooden-0": model()})
-    pose_job._meshes.cache_clear()
+    monkeypatch.setattr(pose, "sample_chairs", lambda: {"swivel-1": model(SWIVEL), "wooden-0": model()})
+    pose._meshes.cache_clear()
     image, box = photographed(model(SWIVEL), AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
     sides = ",".join(f"{side:g}" for side in box)
     to = ["--box", sides, f"--init=-20,{ELEVATION}", "-o", str(tmp_path / "out")]
     assert main(["pose", str(tmp_path / "chair.png"), *to]) == 0
-    pose_job._meshes.cache_clear()
+    pose._meshes.cache_clear()
     assert "swivel-1" in capsys.readouterr().out
     assert figures(tmp_path / "out")["model"] == "swivel-1"
     assert degrees_between(figures(tmp_path / "out")["azimuth"], AZIMUTH) < 5
 
 
-def test_the_papers_method_as_json(
-    tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_papers_method(tmp_path: Path, scene: list[str], wedge: str) -> None:
     scene[2] = wedge
     out = tmp_path / "out"
-    options = ["--method", "paper", "--init", f"120,{ELEVATION}", "--json", "--page", "-o", str(out)]
+    options = ["--method", "paper", "--init", f"120,{ELEVATION}", "--page", "-o", str(out)]
     assert main(["pose", *scene, *options]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((out / "poses.json").read_text())
-    assert printed["annotations"][0]["similarity_kind"] == "patches"
+    assert figures(out)["similarity_kind"] == "patches"
     page = (out / "object_1.html").read_text()
     assert page.count('"l-path f-ground"') == 9  # rings: starts
     for text in (
@@ -218,9 +214,7 @@ def test_a_pose_that_is_not_sure_is_refused(
     assert main([*arguments, "--least-confidence", "0"]) == 0
 
 
-def test_the_lens_and_the_initial_azimuth_are_taken(
-    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: Path) -> None:
     """The photograph is made with a focal length of 300 pixels, 2.8 away."""
     photo, _, folder, _, box = scene
     exif = Image.Exif()
@@ -228,7 +222,7 @@ def test_the_lens_and_the_initial_azimuth_are_taken(
     exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
     Image.open(photo).save(photo, exif=exif)
     common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, f"--init={AZIMUTH + 20},{ELEVATION}"]
-    common += ["-o", str(tmp_path / "out"), "--json"]
+    common += ["-o", str(tmp_path / "out")]
     poses = []
     for more in (
         ["--within", "40", "--focal", "300"],
@@ -237,7 +231,7 @@ def test_the_lens_and_the_initial_azimuth_are_taken(
         ["--method", "exhaustive"],
     ):
         assert main([*common, *more]) == 0
-        poses += json.loads(capsys.readouterr().out)["annotations"]
+        poses.append(figures(tmp_path / "out"))
     assert degrees_between(poses[0]["azimuth"], AZIMUTH) < 3
     assert poses[0]["distance"] == pytest.approx(2.8, abs=0.15)
     assert poses[0]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
@@ -338,12 +332,12 @@ def test_an_object_that_cannot_be_searched_is_skipped(
     assert [bool(row["error"]) for row in rows] == [False, True]
 
 
-def test_several_boxes(tmp_path: Path, photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_boxes(tmp_path: Path, photos: Path) -> None:
     boxes = [f"--box={','.join(line.split(',')[1:5])}" for line in (tmp_path / "objects.csv").read_text().split()[1:]]
     options = ["--mesh", str(tmp_path / "models" / "wooden.off"), "--workers", "1", "-o", str(tmp_path / "out")]
-    status = main(["pose", str(photos / "a.png"), *boxes, *options, "--init", "0,12", "--json"])
+    status = main(["pose", str(photos / "a.png"), *boxes, *options, "--init", "0,12"])
     assert status in (0, 4)  # the second box is that of another photograph, and may be off
-    whole = json.loads(capsys.readouterr().out)
+    whole = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert [each["id"] for each in whole["annotations"]] == [1, 2]
     assert degrees_between(whole["annotations"][0]["azimuth"], TRUE["a.png"]) < 3
 

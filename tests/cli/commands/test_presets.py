@@ -12,8 +12,7 @@ from PIL import Image
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.cli.arguments.preset_parameters import PRESETS
-from nablahog.cli.inputs.spec import make_spec
+from nablahog.cli.arguments.presets import PRESETS, make_spec
 from nablahog.cli.main import main
 from nablahog.invert.learned import PriorChoice, default_prior_file
 from nablahog.io.descriptor_file import load_descriptor

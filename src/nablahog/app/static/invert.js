@@ -8,7 +8,6 @@ import { invert, methodName, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
-import { Strip } from "./strip.js";
 import { showWipe } from "./wipe.js";
 
 const FIRST_SIZE = 256;
@@ -40,7 +39,6 @@ export class Invert {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.app = app;
-    this.strip = new Strip(app, () => numberOf(this.#seed) ?? 0);
     fill(this.#method, app.about.methods.map((id) => ({ id, name: methodName(id) })));
     fill(this.#quality, app.about.qualities);
     this.#size.max = String(app.about.limits.invert_size);
@@ -49,7 +47,7 @@ export class Invert {
       ["quality", this.#quality], ["seed", this.#seed], ["invert_size", this.#size]])) {
       input.addEventListener("input", () => {
         if (input instanceof HTMLSelectElement || numberOf(input) !== null) app.address.set({ [key]: input.value });
-        this.#explain();
+        this.explain();
       });
     }
     this.#start.addEventListener("click", () => void this.#run(null));
@@ -80,20 +78,11 @@ export class Invert {
     choose(this.#quality, address.get("quality"), about.qualities);
     this.#seed.value = String(address.number("seed", 0));
     this.#size.value = String(Math.min(about.limits.invert_size, address.number("invert_size", FIRST_SIZE)));
-    this.#explain();
+    this.explain();
   }
 
-  show() {
-    this.#explain();
-    this.strip.show();
-  }
-
-  /** Called when preset or parameters change. */
-  refresh() {
-    this.#explain();
-  }
-
-  #explain() {
+  /** Says what is missing for the method; called when the view is shown, and when preset or parameters change. */
+  explain() {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
     const missing = this.#method.value === "prior" && !this.app.about.priors[kind];
     element("method-about", HTMLElement).textContent = missing

@@ -23,7 +23,7 @@ function start(about) {
   const address = new Address();
   const dialect = new Dialects(about, address, () => {
     see.refresh();
-    invert.refresh();
+    invert.explain();
   });
   const source = new SourceChooser(about, address, (file) => {
     address.go("fit");
@@ -50,7 +50,7 @@ function start(about) {
     }
     document.title = `${TITLES[address.view]} – ∇HOG`;
     see.show(address.view === "see");
-    if (address.view === "invert") invert.show();
+    if (address.view === "invert") invert.explain();
     fit.show(address.view === "fit");
   };
   source.addEventListener("change", () => {

@@ -19,38 +19,16 @@ export function ask(sentence, question, before, about, send) {
 
   /** @type {(() => void)[]} */
   const reads = [];
-  if (question.as) reads.push(choice(form, "as", "It is",
+  reads.push(choice(form, "as", "It is",
     [{ id: "descriptor", name: "a descriptor" }, { id: "template", name: "the weights of a detector" }], answers));
-  if (question.key && question.keys?.length) reads.push(choice(form, "key", "Array", question.keys, answers));
-  if (question.suggestions?.length) {
-    const texts = question.suggestions.map((each, i) => ({ id: String(i), name: each.text }));
-    const select = make("select", { id: "question-suggestion", name: "suggestion" });
-    fill(select, [...texts, { id: "", name: "something else" }]);
-    form.append(field("question-suggestion", "Parameters that fit", select));
-    reads.push(() => {
-      const suggestion = question.suggestions?.[Number(select.value)];
-      if (select.value === "" || !suggestion) return;
-      answers.preset = suggestion.preset;
-      if (suggestion.image_size) answers.image_size = suggestion.image_size;
-    });
-    // a suggestion also says the preset, which must then not be asked
-    if (question.preset) {
-      const read = choice(form, "preset", "Preset", about.presets.map((each) => each.name), answers, about.default_preset);
-      const row = form.lastElementChild;
-      const show = () => { if (row instanceof HTMLElement) row.hidden = select.value !== ""; };
-      select.addEventListener("change", show);
-      show();
-      reads.push(() => { if (select.value === "") read(); });
-    }
-  } else if (question.preset) {
-    reads.push(choice(form, "preset", "Preset", about.presets.map((each) => each.name), answers, about.default_preset));
-  }
-  if (question.image_size) {
-    const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
-      pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", value: answers.image_size, autocomplete: "off" });
-    form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
-    reads.unshift(() => { answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x"); });
-  }
+  if (question.keys) reads.push(choice(form, "key", "Array", question.keys, answers));
+  const others = about.presets.map((each) => each.name).filter((name) => !question.fitting.includes(name));
+  reads.push(choice(form, "preset", "Preset", [...question.fitting.map((id) => ({ id, name: `${id} (fits)` })), ...others], answers,
+    question.fitting[0] ?? about.default_preset));
+  const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
+    pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", value: answers.image_size, autocomplete: "off" });
+  form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
+  reads.push(() => { answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x"); });
   form.append(make("div", { class: "bar" }, make("button", { class: "main", type: "submit" }, "Send"), cancel));
   form.onsubmit = (event) => {
     event.preventDefault();

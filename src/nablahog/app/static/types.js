@@ -18,9 +18,7 @@
  *
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
  *   image_size: [number, number] | null}} DescriptorInfo
- * @typedef {{preset: string, image_size?: string, text: string}} Suggestion
- * @typedef {{as: boolean, preset: boolean, image_size: boolean, key: boolean, keys: string[] | null,
- *   suggestions: Suggestion[] | null}} Question
+ * @typedef {{keys: string[] | null, fitting: string[]}} Question
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],

@@ -37,7 +37,6 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.preset(command)
     options.size(command)
-    options.as_json(command)
     options.workers(command)
     options.cluster(command)
 

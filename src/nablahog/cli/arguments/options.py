@@ -5,23 +5,15 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn
 
 from ...runtime.text import one_line
-from .preset_parameters import DEFAULT_PRESET, PRESETS
+from ..errors import did_you_mean
+from .presets import DEFAULT_PRESET, PRESETS
 
 SIZE = 256  # pixels of the longer side: the pre-image of such a photograph takes seconds
 SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
-
-
-def did_you_mean(word: str, choices: Iterable[str]) -> str:
-    """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
-    import difflib  # slower than all else that --help loads
-
-    names = {choice.casefold(): choice for choice in choices}
-    near = difflib.get_close_matches(word.casefold(), names, n=1, cutoff=0.65)
-    return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
 class Parser(argparse.ArgumentParser):
@@ -170,7 +162,7 @@ def output(command: argparse.ArgumentParser, metavar: str, text: str, *, stdout:
         return path(value)
 
     command.add_argument("-o", "--output", required=True, type=parse, metavar=metavar, help=text)
-    command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors and --json")
+    command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     command.set_defaults(parser=command)
 
 
@@ -178,10 +170,6 @@ def choice(command: argparse.ArgumentParser, name: str, choices: Collection[str]
     """Adds an option for one of the ``choices``, by default the first."""
     default = next(iter(choices))
     command.add_argument(name, choices=choices, default=default, metavar="NAME", help=f"{text} (default: {default})")
-
-
-def as_json(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--json", action="store_true", help="print the results as JSON instead of a table")
 
 
 def images(command: argparse.ArgumentParser) -> None:

@@ -123,4 +123,3 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.seed(command)
     command.add_argument("--page", action="store_true", help="write a page of pictures for each object, too")
-    options.as_json(command)

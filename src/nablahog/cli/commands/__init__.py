@@ -1,5 +1,1 @@
-"""One module per command: a function of its arguments, which returns the exit status, None for 0.
-
-It raises UserError or OSError, which end the command with a line on stderr, where an input is unusable, an option is
-wrong, or a result cannot be written.
-"""
+"""A function of its arguments for each command, which returns the exit status, or raises UserError or OSError."""

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from ...io.files import output_folder, write_text
-from ...io.images import limit_size, sample_photograph, write_image
-from ..arguments.preset_parameters import PRESETS
-from ..inputs.prior import PriorOptions
+from ...io.images import limit_size, write_image
+from ...io.images import sample_photograph
+from ..arguments.presets import PRESETS
 from ..inputs.sources import from_photo
 from ..results import inversion_page
-from ..results.inversion import Inversion, InversionOptions, invert_batch
+from ..results.inversion import Inversion, InversionOptions, PriorOptions, invert_batch
 from ..terminal import counter, print_table, say_page
 
 SIZE = 256
@@ -30,10 +30,7 @@ LEAD = (
     "paper's has unsigned gradients, which are the same for a region and its negative: which regions are bright is "
     "what a learned prior expects of photographs, and so are the details of both."
 )
-REMARK = (
-    "All figures, with their full precision, are in figures.json beside this page. The photograph, Eileen Collins by "
-    "NASA, is in the public domain and comes with scikit-image."
-)
+REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and comes with scikit-image."
 
 
 def demo(arguments: Namespace) -> None:
@@ -63,4 +60,7 @@ def _write(folder: Path, photo: Tensor, inversions: Sequence[Inversion]) -> None
         write_image(folder / f"{inversion.source.stem}_difference.png", compared.picture)
     figures = [inversion.figures() for inversion in inversions]
     write_text(folder / "figures.json", json.dumps(figures, indent=2))
-    write_text(folder / "index.html", inversion_page.page(inversions, title=TITLE, lead=LEAD, remark=REMARK))
+    write_text(
+        folder / "index.html",
+        inversion_page.page(inversions, title=TITLE, lead=LEAD, figures="figures.json", remark=REMARK),
+    )

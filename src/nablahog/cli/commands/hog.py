@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
 from ...io.descriptor_file import save_descriptor
 from ...io.files import output_folder
-from ...io.images import write_image
+from ...io.images import image_endings, write_image
+from ...jobs.runner import run_anywhere
+from ...jobs.worker import cores
+from ...jobs.store import JobResult
 from ...viz.pictures import glyph_image
-from ..errors import UserError, forbid_overwrite
-from ..inputs.sources import DATASET, Inputs, Source, read_inputs
-from ..terminal import print_table
-from .hog_dataset import hog_dataset
+from ..arguments.options import SIZE
+from ..arguments.presets import SpecOptions
+from ..errors import SOME_SKIPPED, UserError, as_user_error, forbid_overwrite
+from ..inputs.sources import DATASET, Inputs, Source, dataset_extra, expand, read_inputs
+from ..terminal import counter, inform, print_table, say
+
+if TYPE_CHECKING:
+    from ...jobs.describing import ShardJob
 
 STDOUT = "-"
+LIST = "@"
+SHARD = 1000  # images of a file
+SHOWN = 3  # images without a descriptor that are named on stderr; the data set names all
 
 
 def hog(arguments: Namespace) -> int:
@@ -32,8 +43,6 @@ def hog(arguments: Namespace) -> int:
     for option in ("workers", "cluster"):
         if getattr(arguments, option) is not None:
             raise UserError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
-    if arguments.output == STDOUT and arguments.json:
-        raise UserError("-o - and --json would both write to stdout: expected one of them")
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)
@@ -41,11 +50,7 @@ def hog(arguments: Namespace) -> int:
     is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments, arrays=False)
-    rows = _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)
-    if arguments.json:
-        print(json.dumps([*rows, *inputs.skipping.skipped], indent=2))
-    elif rows:
-        print_table(rows)
+    _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)
     return inputs.skipping.status
 
 
@@ -60,9 +65,7 @@ def glyph(arguments: Namespace) -> int:
         raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments)
-    rows = _write_each(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
-    if rows:
-        print_table(rows)
+    _write_each(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
     return inputs.skipping.status
 
 
@@ -73,10 +76,10 @@ def _check_stdout(output: str) -> None:
 
 def _write_each(
     name: str, inputs: Inputs, ending: str, write: Callable[[Path, Source], None], *, is_file: bool
-) -> list[dict[str, object]]:
+) -> None:
     """Writes one result for each input: to stdout, the file ``name`` if one input and ``is_file``, or a folder.
 
-    Returns what was written, for a table; nothing of stdout.
+    Prints a table of what was written, but to stdout.
     """
     output, sources = Path(name), inputs.sources
     to_stdout = name == STDOUT
@@ -87,7 +90,7 @@ def _write_each(
         with TemporaryDirectory(prefix="nablahog-stdout-") as temporary:
             write(result := Path(temporary, "result"), sources[0])
             sys.stdout.buffer.write(result.read_bytes())
-        return []
+        return
     if not inputs.many and is_file and not output.is_dir():
         folder, targets = output.parent, [output]
     else:
@@ -96,13 +99,122 @@ def _write_each(
     with output_folder(folder):
         for target, source in zip(targets, sources, strict=True):
             write(target, source)
-    return [
-        {
-            "input": source.path,
-            "descriptor": source.spec.name,
-            "image_size": list(source.image_size),
-            "shape": list(source.descriptor.shape),
-            "output": str(target),
-        }
-        for target, source in zip(targets, sources, strict=True)
-    ]
+    print_table(
+        [
+            {
+                "input": source.path,
+                "descriptor": source.spec.name,
+                "image_size": list(source.image_size),
+                "shape": list(source.descriptor.shape),
+                "output": str(target),
+            }
+            for target, source in zip(targets, sources, strict=True)
+        ]
+    )
+
+
+def hog_dataset(arguments: Namespace) -> int:
+    """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status."""
+    with dataset_extra():
+        from ...io.descriptor_dataset import key_of_shard, shard_name
+        from ...jobs.describing import ShardJob
+    with as_user_error():
+        spec = SpecOptions.of(arguments).spec()
+    paths, target = _paths(arguments), arguments.output.rstrip("/")
+    size = SIZE if arguments.size is None else arguments.size
+    parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
+    jobs = [ShardJob(part, spec, size, f"{target}/{shard_name(number)}") for number, part in enumerate(parts)]
+    _check_empty(target, [job.target for job in jobs])
+    keys = [key_of_shard(job.target) for job in jobs]
+    for job, key in zip(jobs, keys, strict=True):
+        if key not in (None, job.key):
+            raise UserError(f"{job.target} is of other images, or of another descriptor: expected another -o")
+    missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
+    failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
+    return _report(target, failed)
+
+
+def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -> list[str]:
+    """Writes the shards; returns why some could not be written."""
+    reasons = []
+    with counter("nablahog hog") as progress, as_user_error():
+        progress(done, total, "")
+        with closing(run_anywhere(jobs, arguments.workers or cores(), arguments.cluster)) as outcomes:
+            for index, outcome in outcomes:
+                done += len(jobs[index].paths)
+                progress(done, total, "")
+                if not isinstance(outcome, JobResult):
+                    reasons.append(outcome)
+    return reasons
+
+
+def _paths(arguments: Namespace) -> list[str]:
+    """All images, in order: files, folders, patterns, URLs, and lists of these."""
+    listed = [name[1:] for name in arguments.inputs if name.startswith(LIST)]
+    plain = [name for name in arguments.inputs if not name.startswith(LIST) and "://" not in name]
+    paths = expand(Namespace(**{**vars(arguments), "inputs": plain}), image_endings()).paths if plain else []
+    for name in arguments.inputs:
+        if "://" in name:
+            paths += _urls(name)
+    for name in listed:
+        try:
+            lines = Path(name).read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
+        paths += [line.strip() for line in lines if line.strip()]
+    if not paths:
+        raise UserError("there are no images among the inputs")
+    return paths
+
+
+def _urls(name: str) -> list[str]:
+    system, path = _storage(name)
+    with as_user_error(f"{name}: "):
+        if any(letter in path for letter in "*?["):
+            urls = sorted(map(str, system.glob(path)))
+        elif system.isdir(path):
+            urls = sorted(str(each) for each in system.ls(path, detail=False))
+        else:
+            urls = [path]
+    endings = image_endings()
+    return [system.unstrip_protocol(each) for each in urls if Path(each).suffix.lower() in endings]
+
+
+def _storage(name: str) -> tuple[Any, str]:
+    """The file system of fsspec that a URL or path is on, and its path there."""
+    import fsspec
+
+    try:
+        system, path = fsspec.core.url_to_fs(name)
+    except (ValueError, ImportError, OSError) as error:
+        raise UserError(f"{name}: {error}") from None
+    return system, str(path)
+
+
+def _check_empty(target: str, own: Sequence[str]) -> None:
+    """Raises UserError if the output holds other shards, which would become a part of the data set."""
+    system, path = _storage(target)
+    if system.exists(path) and not system.isdir(path):
+        raise UserError(f"{target} is a file: a data set is a folder of files")
+    there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{DATASET}")}
+    others = there - {Path(each).name for each in own}
+    if others:
+        raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")
+
+
+def _report(target: str, reasons: Sequence[str]) -> int:
+    """Prints what was done; returns the exit status."""
+    from ...io.descriptor_dataset import DescriptorDataset
+
+    if reasons:
+        raise UserError(f"{len(reasons)} shards could not be written; the first: {reasons[0]}")
+    with as_user_error():
+        data = DescriptorDataset(target)
+    errors = list(data.errors())
+    if len(errors) == len(data):
+        data.remove()
+        raise UserError(f"none of the {len(data)} images has a descriptor; the first: {': '.join(errors[0])}")
+    for path, reason in errors[:SHOWN]:
+        inform(f"nablahog hog: skipped: {path}: {reason}")
+    say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}")
+    return SOME_SKIPPED if errors else 0

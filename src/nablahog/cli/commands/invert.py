@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
 
+from ...invert import LearnedPrior
+from ...invert.learned import PriorChoice
 from ...io.files import output_folder, write_text
+from ...jobs.worker import local_path
 from ...jobs.store import do_all
+from ...jobs.store import JobResult, digest, key_of
+from ...paper.learned import load
+from ...runtime.cache import code_key
 from ..errors import Skipping, UserError, as_user_error, forbid_overwrite
-from ..inputs.prior import NO_PRIOR, PriorOptions
 from ..inputs.sources import Source, read_inputs
 from ..inputs.templates import read_template_inputs
 from ..results import inversion_page
-from ..results.inversion import PICTURES, Inversion, InversionOptions, batches, invert_batch, picture_name
-from ..results.inversion_job import InversionJob
+from ..results.inversion import (
+    NO_PRIOR,
+    PICTURES,
+    Inversion,
+    InversionOptions,
+    PriorOptions,
+    batches,
+    invert_batch,
+    picture_name,
+)
 from ..terminal import counter, print_table, say, say_page
 
 NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
@@ -34,6 +49,7 @@ _EXCLUDED = {
     "--cluster": ("--device",),
 }
 """Options that exclude each other."""
+_STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are no pictures
 
 
 def invert(arguments: Namespace) -> int:
@@ -141,11 +157,7 @@ def _on_cluster(
 
 @dataclass
 class _Results:
-    """Writes results while they are computed.
-
-    Attributes:
-        inversions: by the number of their input, with pictures as far as the page may show them.
-    """
+    """Writes results while they are computed; keeps their pictures as far as the page may show them."""
 
     folder: Path
     skipping: Skipping
@@ -176,3 +188,70 @@ def _say_unsure(inversions: Sequence[Inversion]) -> None:
     if unsure:
         more = ", …" if len(unsure) > NAMED else ""
         say(f"Which side is bright is uncertain: {', '.join(unsure[:NAMED])}{more}")
+
+
+@dataclass(frozen=True, eq=False)
+class InversionJob:
+    """The inversion of a descriptor with a learned prior from a file, or by ``default`` that of the package."""
+
+    source: Source
+    options: InversionOptions
+    prior: Path | None
+    default: bool
+
+    @property
+    def name(self) -> str:
+        """The name of its folder of stored results."""
+        return "inversions"
+
+    def key(self) -> str:
+        """A hash of the descriptor, the photograph, the options, the prior, and the code that makes the result."""
+        source = self.source
+        photo = b"" if source.photo is None else source.photo.numpy().tobytes()
+        facts = {
+            "spec": source.spec.to_json(),
+            "image_size": source.image_size,
+            "photo": hashlib.sha256(photo).hexdigest(),
+            "options": asdict(self.options),
+            "prior": self.default if self.prior is None else digest(self.prior),
+            "code": code_key(InversionJob),
+        }
+        return key_of(facts, source.descriptor.numpy())
+
+    def files(self) -> list[Path]:
+        """The file of the prior, if there is one."""
+        return [] if self.prior is None else [self.prior]
+
+    def run(self) -> JobResult:
+        """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32."""
+        [result] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
+        samples = [] if result.samples is None else list(result.samples)
+        pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples)])
+        figures = {name: getattr(result, name) for name in _STORED}
+        figures |= {"iterates": list(result.iterates), "samples": len(samples)}
+        return JobResult([figures], pictures, result.seconds)
+
+    def fits(self, result: JobResult) -> bool:
+        """Whether there are as many pictures as the figures say, of the image's size."""
+        figures, pictures = result.figures[0], result.pictures
+        count = 1 + len(figures["iterates"]) + figures["samples"]
+        whole = len(pictures) == count and pictures.shape[-2:] == self.source.image_size
+        return bool(whole and pictures.dtype == np.float32)
+
+    def inversion(self, result: JobResult) -> Inversion:
+        """The inversion that :meth:`run` has computed."""
+        figures, pictures = result.figures[0], torch.from_numpy(result.pictures)
+        samples_from = 1 + len(figures["iterates"])
+        samples = pictures[samples_from:]
+        return Inversion(
+            self.source,
+            pictures[0],
+            seconds=result.seconds,
+            iterates=dict(zip(figures["iterates"], pictures[1:samples_from], strict=True)),
+            samples=samples if len(samples) else None,
+            **{name: figures[name] for name in _STORED},
+        )
+
+    def _prior(self) -> PriorChoice:
+        given: LearnedPrior | None = None if self.prior is None else load("prior", local_path(self.prior))
+        return PriorOptions(given, self.default).for_spec(self.source.spec)

@@ -16,8 +16,8 @@ from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
+from ..arguments.presets import SpecOptions
 from ..errors import UserError, as_user_error
-from ..inputs.spec import SpecOptions
 from ..terminal import counter, say, say_ignored
 
 SIZE = 512  # photographs are shrunk to so many pixels on the longer side

@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
 
 from ...io.files import output_folder, write_text
+from ...io.images import SAMPLE_NAMES, sample_photograph
 from ...jobs.worker import cores
 from ...paper import table1_page, table2_page
+from ...paper.annotations import read_annotations
+from ...paper.names import CONDITIONS
+from ...paper.examples import Examples, photographed, rendered
 from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose
+from ...paper.models import chair_library, models_in, scene_chairs
+from ...paper.pascal3d import read_pascal3d
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
+from ...paper.annotations import read_viewpoints, sample_viewpoints
+from ..arguments.tables import HARDER, SCENES
 from ..errors import UserError, as_user_error
-from ..inputs.objects import objects
 from ..terminal import counter, print_table, say, say_ignored, say_page
+
+VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
+
+Objects: TypeAlias = tuple[Examples, dict[str, Examples], dict[str, str]]
 
 
 def table1(arguments: Namespace) -> None:
@@ -55,7 +71,7 @@ def table2(arguments: Namespace) -> None:
     """Makes the table of ``arguments.methods``."""
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
     with as_user_error():
-        of = objects(arguments)
+        examples, conditions, passed_over = objects(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
         if arguments.cluster is not None:
@@ -63,10 +79,10 @@ def table2(arguments: Namespace) -> None:
         with counter("nablahog table2") as progress, as_user_error():
             table = run_table2(
                 folder,
-                of.examples,
+                examples,
                 methods,
                 settings,
-                of.conditions,
+                conditions,
                 workers=arguments.workers or cores(),
                 cluster=arguments.cluster,
                 progress=progress,
@@ -82,7 +98,7 @@ def table2(arguments: Namespace) -> None:
     if table.conditions:
         print_table(table2_page.terminal_conditions(table))
     _say_ran(methods, table)
-    for name, reason in of.passed_over.items():
+    for name, reason in passed_over.items():
         say(f"Passed over: {name}: {reason}")
     say_page(folder / "index.html")
 
@@ -124,3 +140,83 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
         photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
     number = len(photographs.images) + len(photographs.failed)
     return photographs, f"{number} images of the folder {folder.resolve().name}."
+
+
+def objects(arguments: Namespace) -> Objects:
+    """The objects of the table, those of the second table by condition, and why models are passed over, by name."""
+    if arguments.pascal3d is not None and arguments.annotations is not None:
+        raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
+    if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
+        raise ValueError("--viewpoints is for scenes that are rendered; photographs have theirs")
+    if arguments.pascal3d is not None:
+        return _published(arguments)
+    return _scenes(arguments) if arguments.annotations is None else _annotated(arguments)
+
+
+def _published(arguments: Namespace) -> Objects:
+    if arguments.conditions:
+        raise ValueError(
+            "--conditions needs scenes or annotations: objects of --pascal3d are cut out along their boxes"
+        )
+    voc, pascal3d = map(Path, arguments.pascal3d)
+    models, passed_over = models_in(Path(arguments.models or pascal3d / "CAD" / "chair"))
+    selection = read_pascal3d(voc, pascal3d)
+    if arguments.objects is not None:
+        selection = replace(selection, objects=selection.objects[: arguments.objects])
+    examples = photographed(
+        selection.objects,
+        models,
+        origin=f"PASCAL VOC with the viewpoints of PASCAL3D+: {selection.summary()}",
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+        failed=selection.failed,
+    )
+    return examples, {}, passed_over
+
+
+def _annotated(arguments: Namespace) -> Objects:
+    models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
+    folder = Path(arguments.annotations).resolve().parent
+    read = read_annotations(arguments.annotations, {model.name for model in models}, arguments.objects)
+    made = partial(
+        photographed,
+        models=models,
+        origin=f"{len(read)} objects of the photographs of the folder {folder.name}.",
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+    )
+    names = arguments.conditions
+    if names is None:
+        names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
+    for name in names:
+        if not CONDITIONS[name].of_photographs:
+            raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
+    return made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over
+
+
+def _scenes(arguments: Namespace) -> Objects:
+    models, passed_over = (scene_chairs(), {}) if arguments.models is None else models_in(Path(arguments.models))
+    if arguments.viewpoints is None:
+        viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
+        views = "seen as people photograph chairs"
+    else:
+        viewpoints = read_viewpoints(arguments.viewpoints)
+        views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
+    kind = (
+        "procedural chairs"
+        if arguments.models is None
+        else f"models of the folder {Path(arguments.models).resolve().name}"
+    )
+    made: Callable[..., Examples] = partial(
+        rendered,
+        models=models,
+        viewpoints=viewpoints,
+        photographs=[sample_photograph(name) for name in SAMPLE_NAMES],
+        origin=f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image",
+        unknown_model=arguments.unknown_model,
+        seed=arguments.seed,
+    )
+    count = arguments.objects or SCENES
+    names = CONDITIONS if arguments.conditions is None else arguments.conditions
+    harder = {name: made(min(HARDER, count), condition=name) for name in names}
+    return made(count), harder, passed_over

@@ -1,5 +1,1 @@
-"""What the arguments of a command name, read and checked.
-
-An input that is unusable raises ValueError or OSError, of a sentence for the user; where none is left, or an option is
-wrong, UserError.
-"""
+"""What the arguments of a command name, read and checked; what is unusable raises an error of one sentence."""

@@ -5,32 +5,23 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from ...hog import HOGSpec
-from ...io.arrays import naming, read_array
-from ...io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
-from ..arguments.preset_parameters import PRESETS, as_text, window_of
-from .spec import SpecOptions, make_spec
+from ...io.arrays import read_array
+from ...io.descriptor_file import StoredDescriptor
+from ...io.descriptor_file import Fit, fit, is_row, shapes, stored
+from ...io.arrays import naming
+from ..arguments.presets import PRESETS, SpecOptions, as_text, make_spec, window_of
 
 Size: TypeAlias = tuple[int, int]
 
 MOST = 3  # presets that are suggested
-_SIDES = (64, 128, 32, 256, 96, 224, 48, 28, 512, 100, 112, 200, 300)  # the most usual first
-_USUAL_SIZES: tuple[Size, ...] = (
-    *((128, 64), (96, 48), (160, 96), (64, 128), (240, 320), (480, 640)),
-    *((side, side) for side in _SIDES),
-)
 
 
 @dataclass(frozen=True)
 class ArrayOptions:
-    """The options that describe an array; None where an option is not set.
-
-    Attributes:
-        image_size: (height, width) in pixels of the images.
-        key: the name of the array in files of several.
-    """
+    """The options that describe an array: the (height, width) of its image, and its name in a file of several."""
 
     image_size: Size | None = None
     key: str | None = None
@@ -86,40 +77,25 @@ class ArrayOptions:
 
     def _suggested(self, shape: tuple[int, ...]) -> str:
         fitting = presets_that_fit(shape, self.image_size)
-        return f"; this fits {', or '.join(preset.options for preset in fitting)}" if fitting else ""
+        return f"; this fits {', or '.join(f'--preset {name}' for name in fitting)}" if fitting else ""
 
 
-class FittingPreset(NamedTuple):
-    """A preset with its defaults, and the (height, width) of the image if it has to be given."""
+def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[str]:
+    """At most :data:`MOST` presets that, with their defaults, have an array of this shape, of an image of this size.
 
-    name: str
-    image_size: Size | None
-
-    @property
-    def options(self) -> str:
-        """As options of the command line."""
-        size = "" if self.image_size is None else f" --image-size {as_text(self.image_size)}"
-        return f"--preset {self.name}{size}"
-
-
-def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[FittingPreset]:
-    """The presets, with their defaults, that an array of this shape can be a descriptor of: at most :data:`MOST`.
-
-    Of an array in one row, whose (height, width) is not known, usual sizes are tried.
+    Those whose own layout it is come first.
     """
-    in_one_row, fitting = is_row(shape), []
-    sizes = _USUAL_SIZES if in_one_row else (None,)
-    for name in PRESETS:
-        spec = make_spec(name, {})
-        if in_one_row and not spec.layout.endswith("vector"):  # no library returns it in one row
-            continue
-        for size in (image_size, *sizes) if image_size else sizes:
-            how = fit(shape, spec, size)
-            if how is not None and _is_whole(spec, how.image_size):
-                known = how.image_size == image_size or (image_size is None and not in_one_row)
-                fitting.append((how.layout != spec.layout, FittingPreset(name, None if known else how.image_size)))
-                break
-    return [preset for _, preset in sorted(fitting, key=lambda each: each[0])[:MOST]]
+    specs = {name: make_spec(name, {}) for name in PRESETS}
+    fits = {name: fit(shape, spec, image_size) for name, spec in specs.items()}
+    in_one_row = is_row(shape)
+    fitting = [
+        (how.layout != specs[name].layout, name)
+        for name, how in fits.items()
+        if how is not None
+        and _is_whole(specs[name], how.image_size)
+        and (not in_one_row or specs[name].layout.endswith("vector"))  # no other library returns it in one row
+    ]
+    return [name for _, name in sorted(fitting, key=lambda each: each[0])[:MOST]]
 
 
 def _is_whole(spec: HOGSpec, image_size: Size) -> bool:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import sys
+import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,22 +20,80 @@ from torch import Tensor
 from ...hog import HOGSpec
 from ...hog.descriptor import describe
 from ...hog.gradient import gray
-from ...io.arrays import is_archive, is_raw, naming
-from ...io.descriptor_file import StoredDescriptor, load_descriptor
+from ...io.arrays import is_raw
+from ...io.descriptor_file import StoredDescriptor, load_descriptor, is_descriptor_file
 from ...io.files import distinct_stems
-from ...io.images import image_endings, limit_size, read_image
+from ...io.images import MAX_BYTES, image_endings, limit_size, read_image
+from ...io.arrays import naming
 from ..arguments.options import SIZE
-from ..errors import UserError, as_user_error
+from ..arguments.presets import SpecOptions
+from ..errors import Skipping, UserError, as_user_error
 from ..terminal import inform
 from .arrays import ArrayOptions
-from .expand import STDIN, Expanded, expand, stdin_as_file
-from .spec import SpecOptions
 
 if TYPE_CHECKING:
     from ...io.descriptor_dataset import DescriptorDataset
 
+STDIN = "-"
 DATASET = ".parquet"
 ROWS = 1000  # of a data set, in memory at a time
+
+
+def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
+    """The files that ``arguments.inputs`` stand for.
+
+    A folder stands for the files in it with one of the ``endings``, sorted by name, without hidden files and
+    subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match, unless it is the name of a file.
+    """
+    paths: list[str] = []
+    empty: list[tuple[str, str]] = []
+    named = list(arguments.inputs)
+    if named.count(STDIN) > 1:
+        raise UserError("stdin can be read once: expected one - among the inputs")
+    for name in named:
+        if os.path.isdir(name):
+            if os.path.realpath(name) == os.path.realpath(arguments.output):
+                raise UserError(f"results in the folder {name} would be its inputs next time: expected another -o")
+            files = _files(os.scandir(name), endings)
+            reason = f"expected a file, or a folder of files of these kinds: {', '.join(sorted(endings))}"
+        elif glob.has_magic(name) and not os.path.lexists(name):
+            files = sorted(path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
+            reason = "no file matches this pattern"
+        else:
+            files, reason = [name], ""
+        paths += files
+        if not files:
+            empty.append((name, reason))
+    skipping = Skipping(arguments.command, len(paths) + len(empty))
+    for name, reason in empty:
+        with skipping.each(name):
+            raise ValueError(f"{name}: {reason}")
+    return Inputs(paths, skipping, many=len(named) > 1 or paths != named)
+
+
+def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
+    return sorted(
+        entry.path
+        for entry in entries
+        if not entry.name.startswith(".") and Path(entry.name).suffix.lower() in endings and not entry.is_dir()
+    )
+
+
+@contextmanager
+def stdin_as_file() -> Iterator[str]:
+    """The name of a temporary file that holds all of stdin; errors of the block name stdin instead."""
+    if sys.stdin.isatty():
+        raise ValueError("-: expected a file on stdin, got a terminal")
+    with tempfile.NamedTemporaryFile(prefix="nablahog-stdin-") as file:
+        size = file.write(sys.stdin.buffer.read(MAX_BYTES + 1))
+        file.flush()
+        if not size or size > MAX_BYTES:
+            got = "nothing" if not size else "more"
+            raise ValueError(f"-: expected a file of 1 … {MAX_BYTES:,} bytes on stdin, got {got}")
+        try:
+            yield file.name
+        except (ValueError, OSError) as error:
+            raise ValueError(str(error).replace(file.name, STDIN)) from None
 
 
 @dataclass(frozen=True)
@@ -70,15 +131,16 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Inputs(Expanded):
-    """The inputs of a command that can be used.
+class Inputs:
+    """The inputs of a command: files, or :data:`STDIN`, and what is read; rows of data sets are read when needed.
 
-    Attributes:
-        sources: of files.
-        datasets: of descriptors, whose rows are read when they are needed.
+    ``many``: whether results go to a folder, as of several inputs, or a folder or a pattern, even of one file.
     """
 
-    sources: list[Source]
+    paths: list[str]
+    skipping: Skipping
+    many: bool
+    sources: list[Source] = field(default_factory=list)
     datasets: list[DescriptorDataset] = field(default_factory=list)
 
     def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
@@ -109,10 +171,11 @@ def read_inputs(
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
+    Photographs are shrunk to ``arguments.size`` pixels on the longer side, 0 for never, None for :data:`SIZE`, with a
+    line on stderr.
+
     Args:
-        arguments: ``inputs``: photographs of any format that Pillow reads, descriptor files, arrays of other libraries,
-            folders and patterns of these, - for stdin; the options of their preset; ``size``: photographs are shrunk
-            to at most so many pixels on the longer side, 0 for never, None for :data:`SIZE`, with a line on stderr.
+        arguments: of the command.
         arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError or UserError for sources that cannot be used.
@@ -140,10 +203,10 @@ def read_inputs(
     if array_options is not None and not reader.arrays:
         with as_user_error():
             array_options.check_unused()
-    return Inputs(expanded.paths, expanded.skipping, expanded.many or bool(data), sources, data)
+    return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
-def read_each(expanded: Expanded, read: Callable[[str, str], list[Source]]) -> list[Source]:
+def read_each(expanded: Inputs, read: Callable[[str, str], list[Source]]) -> list[Source]:
     """The sources of all files by ``read``, called with each path and its stem; skips files that it cannot read."""
     stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     sources = []
@@ -176,12 +239,7 @@ def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
 
 @dataclass
 class _Reader:
-    """Reads inputs with the same options.
-
-    Attributes:
-        arrays: the number of arrays of other libraries read so far.
-        shrunk: the number of photographs that were shrunk without ``--size``.
-    """
+    """Reads inputs with the same options; counts arrays, and photographs that were shrunk without ``--size``."""
 
     arguments: Namespace
     spec_options: SpecOptions
@@ -199,7 +257,7 @@ class _Reader:
         if self.array_options is not None and is_raw(path):
             self.arrays += 1
             return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
-        if is_archive(path):
+        if is_descriptor_file(path):
             of_file = load_descriptor(path)
             with naming(path):
                 self.spec_options.check(of_file.spec)

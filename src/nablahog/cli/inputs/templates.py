@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
 from ...invert import template_descriptor
-from ...io.arrays import is_raw, naming, read_array
-from ...io.descriptor_file import Fit
+from ...io.arrays import is_raw, read_array
 from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.descriptor_file import Fit
+from ...io.arrays import naming
+from ..arguments.presets import SpecOptions
 from ..errors import as_user_error
 from .arrays import ArrayOptions
-from .expand import expand
-from .sources import Inputs, Source, read_each
-from .spec import SpecOptions
+from .sources import Inputs, Source, expand, read_each
 
 # width x height of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: "64x128", 1980: "48x96"}
@@ -41,7 +41,7 @@ def read_template_inputs(arguments: Namespace) -> Inputs:
             for sign in SIGNS
         ]
 
-    return Inputs(expanded.paths, expanded.skipping, True, read_each(expanded, read))
+    return replace(expanded, many=True, sources=read_each(expanded, read))
 
 
 def _signed(template: Source, stem: str, sign: str) -> Source:

@@ -1,4 +1,4 @@
-"""Inversion of sources in batches: images, figures and files."""
+"""Inversion of sources in batches: the prior of the option ``--prior``, images, figures and files."""
 
 from __future__ import annotations
 
@@ -16,14 +16,19 @@ from PIL import Image
 from torch import Tensor
 
 from ... import metrics
+from ...hog import HOGSpec
 from ...invert import AsPublished, reconstruct, reconstruct_samples
 from ...invert.choices import InversionMethod, QualityName
-from ...invert.learned import PriorChoice
+from ...invert.learned import LearnedPrior, PriorChoice, default_prior_file, default_priors
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
+from ...paper.learned import load
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
+from ..errors import as_user_error
 from ..inputs.sources import Source
+from ..terminal import inform
 
+NO_PRIOR = "none"
 MEASURES = {
     "CC": metrics.cross_correlation,
     "MI": metrics.mutual_information,
@@ -35,15 +40,44 @@ SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
+@dataclass
+class PriorOptions:
+    """Which prior descriptors are inverted with: that of the file of ``--prior``, or those of the package."""
+
+    learned: LearnedPrior | None
+    default: bool
+
+    @classmethod
+    def of(cls, arguments: Namespace) -> PriorOptions:
+        """By the option ``--prior``."""
+        if arguments.prior in (None, NO_PRIOR):
+            return cls(None, arguments.prior is None)
+        with as_user_error():
+            return cls(load("prior", Path(arguments.prior)), False)
+
+    def check(self, spec: HOGSpec) -> None:
+        """Raises ValueError if the prior in the file is not for descriptors of ``spec``."""
+        if self.learned is not None:
+            self.learned.check(spec)
+
+    def for_spec(self, spec: HOGSpec) -> PriorChoice:
+        """The priors for descriptors of ``spec``; a line on stderr if the package's were not installed."""
+        if not self.default or default_prior_file(spec) is None:
+            return self.learned
+        try:
+            return default_priors(spec)
+        except FileNotFoundError as error:
+            self.default = False  # said once
+            inform(f"Inverting without a learned prior: {error}")
+            return None
+
+
 @dataclass(frozen=True, kw_only=True)
 class InversionOptions:
-    """How descriptors are inverted.
+    """How descriptors are inverted, as :func:`nablahog.reconstruct` has it.
 
-    Attributes:
-        seed: of the starting images.
-        quality, method: as :func:`nablahog.reconstruct` has them.
-        samples: number of further answers to unsigned descriptors, drawn from the prior; None for none.
-        template: whether sources have a template's weights in place of a descriptor.
+    ``samples`` is the number of further answers to unsigned descriptors, drawn from the prior; with ``template``,
+    sources have a template's weights in place of a descriptor.
     """
 
     seed: int
@@ -62,17 +96,16 @@ class InversionOptions:
 class Inversion:
     """A source with its pre-image and figures.
 
+    Images are (H, W), float32 in 0…1, on the CPU.
+
     Attributes:
-        source: the input.
-        preimage: (H, W), float32 in 0…1, on the CPU.
         measures: CC, MI, SSIM and PSNR of the gray pre-image, and the distance, see
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
-        stop_reason: why the minimiser stopped.
-        iterates: by their number, (H, W) in 0…1: the images after 0, 1, 2 and all iterations of the paper's search.
+        iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
         polarity: the learned prior's probability that the pre-image is no negative, 0.5 of templates; None of signed
             descriptors, and without a prior.
-        samples: (K, H, W) in 0…1, further answers that the prior thinks possible, if they were asked for.
+        samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
 
@@ -206,17 +239,9 @@ def invert_batch(
     prior: PriorChoice = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
-    """Inverts sources of one spec and image size together.
+    """The inversions of sources of one spec and image size, searched together; of templates, only one at a time.
 
-    Args:
-        sources: at least one; of templates, one.
-        device: where to compute.
-        options: of the search.
-        prior: see :func:`nablahog.reconstruct`.
-        progress: called with the number of evaluations done and the most there can be.
-
-    Returns:
-        One inversion for each source, in order.
+    ``progress`` is called with the number of evaluations done and the most there can be.
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
@@ -245,16 +270,12 @@ def invert_batch(
             result.seconds / len(sources),
             str(result.stop_reason[index]),
             {k: kept[k] for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)},
-            None if polarity is None else _rounded(polarity[index]),
+            None if polarity is None else round(float(polarity[index]), 4),
             None if drawn is None else drawn.image[index, :, 0].float().cpu(),
-            None if drawn is None else _rounded(drawn.agreement[index]),
+            None if drawn is None else round(float(drawn.agreement[index]), 4),
         )
         inversions.append(inversion)
     return inversions
-
-
-def _rounded(value: Tensor) -> float:
-    return round(float(value), 4)
 
 
 def _measures(preimage: Tensor, reference: Tensor | None, distance: float) -> dict[str, float | None]:

@@ -36,7 +36,8 @@ def page(
     *,
     title: str = TITLE,
     lead: str = LEAD,
-    remark: str = "All figures, with their full precision, are in results.json beside this page.",
+    figures: str = "results.json",
+    remark: str = "",
 ) -> str:
     """The page: for each of the first inversions a section with its pictures, below a table of all."""
     shown = inversions[:SHOWN]
@@ -53,7 +54,7 @@ def page(
         rows,
         [*map(_section, shown), html.Section("Skipped inputs", "These files could not be used.", table=skipped)],
         {**definitions, "seconds": SECONDS},
-        f"{html.made()} {remark}",
+        f"{html.footer(f'{figures} beside this page')} {remark}".rstrip(),
         first=_first(shown),
     )
 

@@ -101,15 +101,9 @@ def warning(estimate: PoseEstimate) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class PosedObject:
-    """An object with its pose.
+    """An object with the figures of its pose and a picture (3, H, W), uint8; without a pose, a sentence says why.
 
-    Attributes:
-        listed: what was known of it.
-        figures: of :func:`pose_figures`; none where there is no pose.
-        picture: (3, H, W), uint8.
-        page: HTML, if pages were asked for.
-        failure: one sentence why there is no pose.
-        refused: whether the pose is less sure than was asked for.
+    ``page`` is HTML, if pages were asked for; ``refused`` is a pose that is less sure than was asked for.
     """
 
     listed: ListedObject
@@ -121,7 +115,7 @@ class PosedObject:
 
     @classmethod
     def of(cls, listed: ListedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
-        """That of an object and the result of its :class:`.pose_job.ObjectJob`."""
+        """That of an object and the result of its :class:`.pose.ObjectJob`."""
         if isinstance(result, str):
             return cls(listed, failure=result)
         figures = dict(result.figures[0])

@@ -24,7 +24,6 @@ from ...render.renderer import Method
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
-from ...viz.svg import Drawing
 from .pose_files import DEFINITIONS, warning
 
 HEIGHT = 320  # of the pictures of the overlay
@@ -156,7 +155,7 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     derivatives, opendr = as_array(slopes[:, 0]), as_array(similarity("opendr", 1).derivatives(poses)[1][:, 0])
     cosine = _cosine(derivatives, differences)
     traces = [trace for trace in estimate.traces if trace.model == estimate.model]
-    drawing: Drawing = by_azimuth(
+    drawing = by_azimuth(
         as_array(values),
         derivatives,
         differences,

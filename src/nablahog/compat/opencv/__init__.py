@@ -9,8 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from .descriptor import HOGDescriptor
-from .differentiable import score
+from .descriptor import HOGDescriptor, score
 
 __all__ = [
     "HOGDescriptor",

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ...hog import HOGSpec, presets
 from . import arguments, storage
 from .arguments import Size
-from .people import people_detector
-from .scheme import Scheme, scheme
+from .storage import people_detector
+from .windows import Scheme, scheme
 
 
 @dataclass(frozen=True, init=False, eq=False)

@@ -1,11 +1,16 @@
-"""Files of ``cv2.HOGDescriptor``: OpenCV's FileStorage as YAML, XML or JSON, also gzipped.
+"""Files of ``cv2.HOGDescriptor``, and OpenCV's two detectors of people.
 
-Only what ``HOGDescriptor::write`` of ``hog.cpp`` puts into a file is read; nothing in it is ever run.
+Files are OpenCV's FileStorage as YAML, XML or JSON, also gzipped.  Only what ``HOGDescriptor::write`` of ``hog.cpp``
+puts into a file is read; nothing in it is ever run.
+
+The coefficients of the detectors, trained by Dalal and by Daimler, are OpenCV's, and no part of this package.  They
+come from an installed OpenCV that has them (4.x, and 5 with the contributed modules), or from a file.
 """
 
 from __future__ import annotations
 
 import gzip
+import importlib
 import io
 import json
 import os
@@ -19,6 +24,7 @@ from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...io.files import check_file, replacing
 from ...runtime.text import one_line
@@ -31,14 +37,11 @@ _YAML_NOTHING = re.compile(r"(?m)#.*$|^[ \t]*!!\S+|^\.\.\.$|^---.*$")  # comment
 
 Node: TypeAlias = Mapping[str, Any]
 """Numbers and sequences of numbers by their names; as texts, unless JSON has read them."""
+FOLDER = "NABLAHOG_PEOPLE_DETECTORS"
 
 
 def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -> None:
-    """Writes integers, floats, tuples of integers and an array of float32 under a name, in the format of the ending.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Writes integers, floats, tuples of integers and an array of float32 under a name, in the format of the ending."""
     stem = Path(path).name.removesuffix(".gz")
     text = _FORMATS.get(Path(stem).suffix.lower(), _yaml)(name or default_name(stem), node)
     packed = text.encode() if stem == Path(path).name else gzip.compress(text.encode(), mtime=0)
@@ -54,12 +57,7 @@ def default_name(stem: str) -> str:
 
 
 def read(path: str | os.PathLike[str], name: str) -> Node:
-    """The node of that name, or the first one.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is no such file, has no such node, or the node is no HOGDescriptor.
-    """
+    """The node of that name, or the first one; ValueError if there is none, or it is no HOGDescriptor."""
     path = Path(path)
     check_file(path, "a FileStorage of a HOGDescriptor")
     try:
@@ -73,11 +71,7 @@ def read(path: str | os.PathLike[str], name: str) -> Node:
 
 
 def integers(node: Node, name: str) -> tuple[int, ...]:
-    """One integer, or a sequence of them.
-
-    Raises:
-        ValueError: there are none, or they are no integers.
-    """
+    """One integer, or a sequence of them; ValueError for anything else."""
     values = _values(node, name)
     if not np.array_equal(values, np.rint(values)) or np.abs(values).max(initial=0) > 1e9:
         raise ValueError(f"{name} must be integers, got {one_line(node[name])}")
@@ -85,11 +79,7 @@ def integers(node: Node, name: str) -> tuple[int, ...]:
 
 
 def floats(node: Node, name: str) -> tuple[float, ...]:
-    """One number, or a sequence of them.
-
-    Raises:
-        ValueError: there are none.
-    """
+    """One number, or a sequence of them; ValueError for anything else."""
     return tuple(_values(node, name).tolist())
 
 
@@ -168,31 +158,52 @@ def _sequence(value: object, dot: str, between: str, indent: str) -> str:
     return textwrap.fill(between.join(words), 76, subsequent_indent=indent, break_on_hyphens=False)
 
 
+def _entries(node: Mapping[str, object], entry: str, several: str, dot: str, between: str, indent: int) -> list[str]:
+    """A line for each entry; where it is several numbers, these begin lines with an indent."""
+    return [
+        entry.format(
+            key,
+            several.format(_sequence(value, dot, between, indent * " "))
+            if isinstance(value, tuple | np.ndarray)
+            else _number(value, dot),
+        )
+        for key, value in node.items()
+    ]
+
+
 def _yaml(name: str, node: Mapping[str, object]) -> str:
-    lines = [f"%YAML:1.0\n---\n{name}: !!{_TYPE}"]
-    for key, value in node.items():
-        several = isinstance(value, tuple | np.ndarray)
-        text = f"[ {_sequence(value, '.', ', ', 7 * ' ')} ]" if several else _number(value, ".")
-        lines.append(f"   {key}: {text}")
-    return "\n".join(lines) + "\n"
+    entries = _entries(node, "   {}: {}", "[ {} ]", ".", ", ", 7)
+    return "\n".join([f"%YAML:1.0\n---\n{name}: !!{_TYPE}", *entries]) + "\n"
 
 
 def _xml(name: str, node: Mapping[str, object]) -> str:
-    lines = [f'<?xml version="1.0"?>\n<opencv_storage>\n<{name} type_id="{_TYPE}">']
-    for key, value in node.items():
-        several = isinstance(value, tuple | np.ndarray)
-        text = f"\n    {_sequence(value, '.', ' ', 4 * ' ')}" if several else _number(value, ".")
-        lines.append(f"  <{key}>{text}</{key}>")
-    return "\n".join(lines) + f"</{name}>\n</opencv_storage>\n"
+    head = f'<?xml version="1.0"?>\n<opencv_storage>\n<{name} type_id="{_TYPE}">'
+    entries = _entries(node, "  <{0}>{1}</{0}>", "\n    {}", ".", " ", 4)
+    return "\n".join([head, *entries]) + f"</{name}>\n</opencv_storage>\n"
 
 
 def _json(name: str, node: Mapping[str, object]) -> str:
-    lines = [f'{{\n    "{name}": {{\n        "type_id": "{_TYPE}"']
-    for key, value in node.items():
-        several = isinstance(value, tuple | np.ndarray)
-        text = f"[ {_sequence(value, '.0', ', ', 12 * ' ')} ]" if several else _number(value, ".0")
-        lines.append(f'        "{key}": {text}')
-    return ",\n".join(lines) + "\n    }\n}\n"
+    head = f'{{\n    "{name}": {{\n        "type_id": "{_TYPE}"'
+    return ",\n".join([head, *_entries(node, '        "{}": {}', "[ {} ]", ".0", ", ", 12)]) + "\n    }\n}\n"
 
 
 _FORMATS = {".xml": _xml, ".json": _json}
+
+
+def people_detector(name: str, size: int) -> NDArray[np.float32]:
+    """The coefficients of ``"Default"`` or ``"Daimler"``, of which there are ``size``."""
+    function = f"get{name}PeopleDetector"
+    path = Path(os.environ.get(FOLDER, "")) / f"{name.lower()}.yml"
+    if os.environ.get(FOLDER) and path.is_file():
+        coefficients = np.array(floats(read(path, ""), "SVMDetector"), np.float32)
+        if len(coefficients) != size:
+            raise ValueError(f"{path}: expected the {size} coefficients of {function}, got {len(coefficients)}")
+        return coefficients
+    try:
+        theirs = importlib.import_module("cv2").HOGDescriptor
+    except (ImportError, AttributeError):
+        raise RuntimeError(
+            f"{function} needs OpenCV's own coefficients: install opencv-python<5, or name by {FOLDER} a folder with "
+            f"{path.name}, which a descriptor with this detector has saved elsewhere"
+        ) from None
+    return np.array(getattr(theirs, function)(), np.float32).reshape(-1)

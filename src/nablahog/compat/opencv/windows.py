@@ -1,18 +1,164 @@
-"""Windows of a padded image: where they lie, and their descriptors and scores."""
+"""Windows of a padded image: where they lie, their descriptors and their scores.
+
+The loops are those of ``native/opencv.cpp``; where there is no native library, the steps of :mod:`nablahog.hog` give
+the same, with gradients that are taken here: ``hog`` has no padding whose outermost pixels have gradients.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import math
+from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ... import native
-from . import reference
+from ...hog import BlockNorm, HOGSpec, library_angles
+from ...hog.layout import to_layout
+from ...hog.library_angles import opencv_table
+from ...hog.poolings import BlockCells
+from ...hog.steps import pool, pooling_matrices
 from .arguments import Size
-from .padded import Padded
-from .scheme import Constants, Scheme
+
+_SIZES = "height", "width", "channels", "top", "left", "padded_height", "padded_width"
+
+
+class Padded(ctypes.Structure):
+    """``PaddedImage`` of ``native/opencv_votes.h``: an image padded by reflection at its outermost pixels.
+
+    Attributes:
+        image: (rows, cols, channels).
+        before: (x, y) pixels of padding on the left and at the top.
+        after: the same on the right and at the bottom.
+        size: (width, height) with the padding.
+    """
+
+    _fields_ = [("pixels", ctypes.c_void_p), *((name, ctypes.c_int64) for name in _SIZES)]
+
+    def __init__(self, image: NDArray[np.uint8], before: Size, after: Size) -> None:
+        height, width, channels = image.shape
+        self.image, self.before, self.after = image, before, after
+        self.size = width + before[0] + after[0], height + before[1] + after[1]
+        super().__init__(image.ctypes.data, height, width, channels, *before[::-1], *self.size[::-1])
+
+    def inside(self, corners: NDArray[np.int64], window: Size) -> NDArray[np.bool_]:
+        """Which windows lie in the padded image."""
+        inside: NDArray[np.bool_] = np.all((corners >= 0) & (corners <= np.subtract(self.size, window)), axis=1)
+        return inside
+
+
+_INTEGERS = (
+    *("gamma", "bins", "window_width", "window_height", "block_width", "block_height"),
+    *("across", "down", "cell_cols", "cell_rows"),
+)
+
+
+class Constants(ctypes.Structure):
+    """``Scheme`` of ``native/opencv_votes.h``."""
+
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in _INTEGERS),
+        ("polynomial", ctypes.c_float * 7),
+        *((name, ctypes.c_float) for name in ("offset", "epsilon", "epsilon_again", "clip")),
+    ]
+
+
+class Scheme(NamedTuple):
+    """What describes windows of one dialect.
+
+    Attributes:
+        spec: the dialect.
+        rows: of blocks in a window.
+        cols: of these.
+        constants: of the loops.
+        by_col: weights (cols, width) of a block's pixels in its columns of cells.
+        by_row: the same of rows, (rows, height).
+    """
+
+    spec: HOGSpec
+    rows: int
+    cols: int
+    constants: Constants
+    by_col: NDArray[np.float32]
+    by_row: NDArray[np.float32]
+
+    @property
+    def size(self) -> int:
+        """Numbers of a descriptor."""
+        return self.rows * self.cols * self.spec.channels
+
+
+def scheme(window: Size, spec: HOGSpec) -> Scheme:
+    """Of windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
+    assert isinstance(spec.pooling, BlockCells)
+    assert isinstance(spec.normalizer, BlockNorm)
+    (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer
+    by_row, by_col = (each.contiguous().numpy() for each in pooling_matrices(spec, height, width, torch.empty(0)))
+    rows, cols = spec.grid(window[1], window[0])
+    constants = Constants(
+        gamma=spec.gamma == "sqrt",
+        bins=spec.bins,
+        window_width=window[0],
+        window_height=window[1],
+        block_width=width,
+        block_height=height,
+        across=across,
+        down=down,
+        cell_cols=len(by_col),
+        cell_rows=len(by_row),
+        polynomial=opencv_table(spec),
+        offset=spec.bin_offset,
+        epsilon=norm.epsilon,
+        epsilon_again=norm.epsilon_again,
+        clip=norm.clip,
+    )
+    return Scheme(spec, rows, cols, constants, by_col, by_row)
+
+
+def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
+    """Gx, Gy (2, rows, cols) of all pixels, of the channel of largest magnitude."""
+    (left, top), (right, bottom) = padded.before, padded.after
+    around = (top + 1, bottom + 1), (left + 1, right + 1), (0, 0)
+    values = np.pad(padded.image, around, mode="reflect").astype(np.float32)
+    values = np.sqrt(values) if spec.gamma == "sqrt" else values
+    both = np.stack([values[1:-1, 2:] - values[1:-1, :-2], values[2:, 1:-1] - values[:-2, 1:-1]])
+    squared = np.square(both).sum(axis=0)
+    first, last = squared.argmax(axis=2), squared.shape[2] - 1 - squared[..., ::-1].argmax(axis=2)
+    width = squared.shape[1]
+    # of equals the first channel, but in the last columns, which OpenCV computes one by one, the last one
+    winner = np.where(np.arange(width) < width // 4 * 4, first, last)
+    return np.take_along_axis(both, winner[None, ..., None], axis=3)[..., 0]
+
+
+def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """Votes of all pixels and the bins that the first go to; the second go to those after them.  All (rows, cols)."""
+    gx, gy = _gradients(padded, spec)
+    position = library_angles.opencv(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
+    before, magnitude = np.floor(position), np.sqrt(gx * gx + gy * gy)
+    f = position - before
+    return magnitude * (1 - f), magnitude * f, before.astype(np.int64) % spec.bins
+
+
+def _plain_descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
+    """:func:`descriptors`: the blocks of the image from some pixel on serve all windows whole strides from there."""
+    spec, rows, cols = scheme.spec, scheme.rows, scheme.cols
+    assert isinstance(spec.pooling, BlockCells)
+    near, far, bins = (torch.from_numpy(each)[None, None] for each in _plain_votes(padded, spec))
+    histograms = torch.zeros(1, spec.bins, *bins.shape[2:]).scatter_(1, bins, near)
+    histograms.scatter_add_(1, (bins + 1) % spec.bins, far)
+    strides, stride = corners[:, ::-1] // spec.pooling.step, corners[:, ::-1] % spec.pooling.step
+    out = np.empty((len(corners), scheme.size), np.float32)
+    for y, x in np.unique(stride, axis=0):
+        cells = pool(histograms[..., y:, x:], spec)
+        blocks = spec.normalizer.normalize(cells, spec.signed)[0]
+        windows = blocks.unfold(1, rows, 1).unfold(2, cols, 1)  # (channels, rows, columns of windows, rows, cols)
+        some = (stride == (y, x)).all(axis=1)
+        row, col = torch.from_numpy(strides[some].T)
+        out[some] = to_layout(windows[:, row, col].permute(1, 2, 3, 0), spec).numpy()
+    return out
+
 
 _floats = native.array(np.float32)
 _dialect = ctypes.POINTER(Padded), ctypes.POINTER(Constants)
@@ -53,7 +199,7 @@ def placed(
 def descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
     """Descriptors (windows, numbers) of windows in the padded image."""
     if not native.available():
-        return reference.descriptors(padded, corners, scheme.spec, scheme.rows, scheme.cols)
+        return _plain_descriptors(padded, corners, scheme)
     out = np.empty((len(corners), scheme.size), np.float32)
     _descriptors(padded, scheme.constants, scheme.by_col, scheme.by_row, corners, len(corners), out)
     return out
@@ -79,5 +225,5 @@ def gradients(padded: Padded, scheme: Scheme) -> tuple[NDArray[np.float32], NDAr
         near, far, bins = (np.empty(padded.size[::-1], dtype) for dtype in (np.float32, np.float32, np.int32))
         _votes(padded, scheme.constants, near, far, bins)
     else:
-        near, far, bins = reference.votes(padded, scheme.spec)
+        near, far, bins = _plain_votes(padded, scheme.spec)
     return np.stack([near, far], axis=2), np.stack([bins, (bins + 1) % scheme.spec.bins], axis=2).astype(np.uint8)

@@ -1,13 +1,75 @@
-"""The options of a preset: which spec they ask for, and what contradicts them."""
+"""Presets on the command line: their parameters as texts, which spec they ask for, and what contradicts them."""
 
 from __future__ import annotations
+
+from typing import Any, Literal, Optional
 
 import pytest
 
 from nablahog import presets
-from nablahog.cli.arguments.preset_parameters import PRESETS, parameters_of
-from nablahog.cli.inputs.spec import SpecOptions
+from nablahog.cli.arguments.presets import (
+    PRESETS,
+    SpecOptions,
+    as_text,
+    defaults_of,
+    make_spec,
+    parameters_of,
+    parsed,
+    window_of,
+)
 from nablahog.hog import HOGSpec
+
+PAIR = tuple[int, int]
+
+
+@pytest.mark.parametrize(
+    ("text", "hint", "value"),
+    [
+        ("-3", int, -3),
+        ("2e-3", float, 2e-3),
+        ("False", bool, False),
+        ("8×16", PAIR, (8, 16)),
+        ("8x6", int | PAIR, (8, 6)),
+        ("none", int | None, None),
+        ("2", Optional[int], 2),  # noqa: UP045, as Python 3.10 has it
+        ("l2-hys", Literal["L2", "L2-Hys"], "L2-Hys"),
+    ],
+)
+def test_parsed(text: str, hint: Any, value: Any) -> None:
+    result = parsed(text, hint)
+    assert (result, type(result)) == (value, type(value))
+    assert parsed(as_text(value), hint) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "hint", "expected"),
+    [
+        ("٣", int, "an integer"),
+        ("nan", float, "a number"),
+        ("yes", bool, "true or false"),
+        ("8x8x8", PAIR, "two integers"),
+        ("L3", Literal["L1", "L2"], "one of L1, L2"),
+        ("8x", int | PAIR, "an integer of at most six digits or two integers"),
+    ],
+)
+def test_texts_of_no_such_value(text: str, hint: Any, expected: str) -> None:
+    with pytest.raises(ValueError, match=f"expected .*{expected}"):
+        parsed(text, hint)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_parameter_of_every_preset_can_be_written(name: str) -> None:
+    defaults = defaults_of(name)
+    assert list(parameters_of(name)) == list(defaults)
+    texts = tuple((key, as_text(value)) for key, value in defaults.items())
+    spec = SpecOptions(name, settings=texts).spec()
+    assert spec == make_spec(name, {}) == (presets.aubry(8) if name == "aubry" else getattr(presets, name)())
+
+
+def test_windows() -> None:
+    assert window_of("opencv", {}) == (128, 64)
+    assert window_of("opencv", {"win_size": (48, 96)}) == (96, 48)
+    assert window_of("skimage", {}) is None
 
 
 @pytest.mark.parametrize(

@@ -1,25 +1,30 @@
-"""The native loops of ``compat.opencv`` beside the plain steps, which run where there is no native library."""
+"""What needs no OpenCV: stored outputs of its detection, native loops beside plain steps, the derivative of the score.
+
+How the outputs were made: ``tests/golden/README.md``.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import json
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.testing import assert_allclose, assert_array_equal
 from skimage import data
 
 from nablahog import native
-from nablahog.compat.opencv import HOGDescriptor
-from nablahog.compat.opencv.padded import Padded
-from nablahog.compat.opencv.pyramid import resized
-from nablahog.compat.opencv.scheme import Constants
+from nablahog.compat.opencv import HOGDescriptor, score
+from nablahog.compat.opencv.multi_scale import resized
+from nablahog.compat.opencv.windows import Constants, Padded
+from tests.golden import archive
 
-pytestmark = pytest.mark.skipif(not native.available(), reason="no native library")
-
+STORED = archive("opencv_detection")
+CASES = json.loads(str(STORED["cases"]))
 # cells of a block across and down, rows of blocks that overlap, bins and gamma differ
 DESCRIPTORS = {
     "default": (),
@@ -27,6 +32,22 @@ DESCRIPTORS = {
     "3x1 cells, gaps": ((40, 20), (12, 6), (14, 7), (4, 6), 18, 1, 2.0, 0, 0.1, True, 64, True),
     "2x5 cells, dense": ((12, 17), (6, 15), (2, 1), (3, 3), 7, 1, -1, 0, 0.3, False, 64, True),
 }
+SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6)
+
+
+@pytest.mark.parametrize("number", range(len(CASES)))
+def test_detections_are_the_stored_ones(number: int) -> None:
+    options = dict(CASES[number])
+    descriptor = HOGDescriptor(*json.loads(str(STORED["sizes"])))
+    descriptor.setSVMDetector(STORED["detector"])
+    rectangles, weights = descriptor.detectMultiScale(archive("images")[options.pop("image")], **options)
+    expected = STORED[f"rectangles_{number}"]
+    assert len(rectangles) == len(expected) > 0
+    assert_array_equal(rectangles, expected)
+    assert np.abs(weights - STORED[f"weights_{number}"]).max() <= 1e-5
+
+
+with_loops = pytest.mark.skipif(not native.available(), reason="no native library")
 
 
 def image(channels: int, height: int = 150, width: int = 90) -> np.ndarray:
@@ -40,6 +61,7 @@ def with_and_without(monkeypatch: pytest.MonkeyPatch, call: Any) -> tuple[Any, A
     return loops, call()
 
 
+@with_loops
 @pytest.mark.parametrize("arguments", DESCRIPTORS.values(), ids=DESCRIPTORS)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("options", [{}, {"winStride": (5, 3), "padding": (40, 8)}, {"locations": [(0, 3), (17, 11)]}])
@@ -51,6 +73,7 @@ def test_descriptors(
     assert_allclose(loops, plain, rtol=0, atol=2e-6)
 
 
+@with_loops
 @pytest.mark.parametrize("arguments", DESCRIPTORS.values(), ids=DESCRIPTORS)
 def test_scores(arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     descriptor = HOGDescriptor(*arguments)
@@ -61,6 +84,7 @@ def test_scores(arguments: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch) -> 
     assert_allclose(loops, plain, rtol=0, atol=2e-5)
 
 
+@with_loops
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("size", [(37, 43), (1, 6), (2, 1)])
 def test_gradients(channels: int, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,6 +95,7 @@ def test_gradients(channels: int, size: tuple[int, int], monkeypatch: pytest.Mon
     assert_array_equal(bins, plain_bins)
 
 
+@with_loops
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("size", [(71, 133), (90, 149), (1, 1), (200, 3)])
 def test_smaller_images(channels: int, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,3 +112,41 @@ def test_structs_have_the_same_fields_on_both_sides(struct: type[ctypes.Structur
         for field, count in re.findall(r"(\w+)(?:\[(\d+)\])?", names):
             fields.append((field, types[kind] * int(count) if count else types[kind]))
     assert struct._fields_ == fields
+
+
+def descriptor(*, bias: bool = True) -> HOGDescriptor:
+    small = HOGDescriptor(*SMALL)
+    weights = np.random.default_rng(0).standard_normal(small.getDescriptorSize() + bias)
+    small.setSVMDetector(weights.astype(np.float32) / 4)
+    return small
+
+
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("bias", [False, True])
+def test_it_is_the_weight_of_detect(colour: bool, bias: bool) -> None:
+    image = data.astronaut()[100:124, 200:216, : 3 if colour else 1]
+    (weight,) = descriptor(bias=bias).detect(image, hitThreshold=-99)[1]
+    pixels = torch.from_numpy(image.copy()).permute(2, 0, 1).unsqueeze(0)
+    for images in (pixels, pixels / 255, pixels.double() / 255):
+        assert float(score(images, descriptor(bias=bias))) == pytest.approx(weight, abs=2e-5)
+        assert float(score(images, descriptor(bias=bias), "exact")) == pytest.approx(weight, abs=5e-3)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_its_derivative(channels: int) -> None:
+    images = torch.rand(2, channels, 24, 16, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    images.requires_grad_()
+    small = descriptor()
+    assert torch.autograd.gradcheck(lambda x: score(x, small, "exact"), images, eps=1e-7, atol=1e-5)
+    (ours,) = torch.autograd.grad(score(images, small).sum(), images)
+    (exact,) = torch.autograd.grad(score(images, small, "exact").sum(), images)
+    assert float((ours - exact).abs().max()) < 0.02 * float(exact.abs().max())  # of the polynomial's value only
+
+
+def test_refusals() -> None:
+    with pytest.raises(ValueError, match="the descriptor has no detector"):
+        score(torch.zeros(1, 1, 24, 16), HOGDescriptor(*SMALL))
+    with pytest.raises(ValueError, match=r"images must be \(B, C, 24, 16\).* got \(1, 1, 16, 24\)"):
+        score(torch.zeros(1, 1, 16, 24), descriptor())
+    with pytest.raises(TypeError, match="a torch tensor"):
+        score(np.zeros((24, 16)), descriptor())  # type: ignore[arg-type]

@@ -1,20 +1,57 @@
-"""The command, and the lines of Python, that give the same result as the page."""
+"""What answers have in common: pictures and glyphs in JSON, and the command and lines of Python that do the same."""
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import shlex
+from typing import Any
 
+import numpy as np
+from torch import Tensor
+
+from ..cli.arguments.presets import SpecOptions
 from ..cli.inputs.sources import Source
-from ..cli.inputs.spec import SpecOptions
+from ..hog import HOGSpec
 from ..invert.choices import QualityName
+from ..io.images import Picture, to_pil
+from ..viz.pictures import glyph_votes
 from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
 DESCRIPTOR = "descriptor.npz"
 
 
-def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
+def png(picture: Picture, opacity: Picture | None = None) -> bytes:
+    """A picture in 0…1, with its opacity (H, W) if it is gray, as a PNG file."""
+    file, image = io.BytesIO(), to_pil(picture)
+    if opacity is not None:
+        image.putalpha(to_pil(opacity))
+    image.save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
+    return file.getvalue()
+
+
+def encoded(data: bytes) -> str:
+    """Bytes as base64."""
+    return base64.b64encode(data).decode("ascii")
+
+
+def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:
+    """The brightness of each stroke of a descriptor's glyphs (rows, cols, channels), as the page draws them."""
+    votes, angles = glyph_votes(descriptor, spec)
+    rows, cols, count = votes.shape
+    return {
+        "rows": rows,
+        "cols": cols,
+        "n": count,
+        "cell": list(spec.cell_size),
+        "angles": angles.tolist(),
+        "votes": encoded(np.rint(votes * 255).astype(np.uint8).tobytes()),
+    }
+
+
+def lines_for_hog(request: HogRequest, source: Source) -> dict[str, str]:
     """The lines for a descriptor."""
     if source.photo is None:
         return {"command": _command("glyph", DESCRIPTOR, "-o", "glyphs.png"), "python": "\n".join(_stored())}
@@ -22,7 +59,7 @@ def of_hog(request: HogRequest, source: Source) -> dict[str, str]:
     return {"command": command, "python": "\n".join(_described(request))}
 
 
-def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
+def lines_for_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     """The lines for a pre-image."""
     own = request.photo is not None
     options = [*(_options(request) if own else []), *(["--size", str(request.size)] if own else [])]
@@ -39,7 +76,7 @@ def of_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     }
 
 
-def of_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
+def lines_for_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     """The lines for a fit."""
     chair = re.fullmatch(r"chair-([a-z]+-\d+)", request.mesh)
     box = [] if request.box is None else ["--box", ",".join(f"{side:g}" for side in request.box)]

@@ -1,0 +1,164 @@
+"""The presets by name, their parameters as texts of a command line, and the options ``--preset`` and ``--set``."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+import re
+from argparse import Namespace
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from ...hog import HOGSpec, presets
+from ..errors import did_you_mean
+
+PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
+DEFAULT_PRESET = "uoctti"
+_OTHER_DEFAULTS: dict[str, dict[str, Any]] = {"aubry": {"cell_size": 8}}  # not the 5 of the preset
+_EXPECTED = {
+    int: "an integer of at most six digits",
+    float: "a number",
+    bool: "true or false",
+    tuple: "two integers as 8x8",
+    NoneType: "none",
+}
+_ONLY_IF_SET = {"cell_size": ("cell_size", "pixels_per_cell"), "vote": ("vote", "bilinear_orientations", "bilinear")}
+"""Fields of a descriptor file that need not be the preset's default, and the parameters that ask for a value."""
+_FREE = ("name", "layout", "derivative")  # fields that decide none of the values in a descriptor file
+
+
+def parameters_of(name: str) -> dict[str, Any]:
+    """The parameters of a preset with their types, in order."""
+    hints = get_type_hints(PRESETS[name])
+    return {parameter: hints[parameter] for parameter in inspect.signature(PRESETS[name]).parameters}
+
+
+def defaults_of(name: str) -> dict[str, Any]:
+    """The parameters of a preset with their defaults on the command line."""
+    parameters = inspect.signature(PRESETS[name]).parameters.values()
+    return {each.name: each.default for each in parameters} | _OTHER_DEFAULTS.get(name, {})
+
+
+def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
+    """(height, width) of OpenCV's window, the size of its images; None for other presets."""
+    window = {**defaults_of(name), **parameters}.get("win_size")
+    return None if window is None else (window[1], window[0])
+
+
+def as_text(value: object) -> str:
+    """The text of a parameter's value."""
+    if isinstance(value, tuple):
+        return "x".join(map(str, value))
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
+
+
+def parsed(text: str, hint: Any) -> Any:
+    """The value of type ``hint`` that ``text`` stands for, the inverse of :func:`as_text`.
+
+    Raises:
+        ValueError: ``text`` is no such value; the message says what was expected.
+    """
+    # Python 3.10 reads a parameter `int | None = None` as Optional
+    kinds = get_args(hint) if get_origin(hint) in (UnionType, Union) else (hint,)
+    for kind in kinds:
+        with suppress(ValueError):
+            return _value(text, kind)
+    expected = [
+        f"one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else _EXPECTED[get_origin(kind) or kind]
+        for kind in kinds
+    ]
+    raise ValueError(f"expected {' or '.join(expected)}, got {text!r}")
+
+
+def _value(text: str, kind: Any) -> Any:
+    """Raises ValueError, without a message, if ``text`` is not of this kind."""
+    if get_origin(kind) is tuple:
+        sides = re.split("[x×]", text)
+        if len(sides) > 2:
+            raise ValueError
+        return _value(sides[0], int), _value(sides[-1], int)
+    if kind is int and re.fullmatch(r"-?\d{1,6}", text, re.ASCII):  # more could not be computed
+        return int(text)
+    if kind is float and math.isfinite(float(text)):
+        return float(text)
+    named = {"true": True, "false": False} if kind is bool else {"none": None} if kind is NoneType else {}
+    if get_origin(kind) is Literal:
+        named = {choice: choice for choice in get_args(kind)}
+    for name, value in named.items():
+        if text.lower() == name.lower():
+            return value
+    raise ValueError
+
+
+def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
+    """The spec of a preset with these parameters, and the defaults of the command line for the others."""
+    try:
+        return PRESETS[name](**{**defaults_of(name), **parameters})
+    except ValueError as error:
+        options = ", ".join(f"{key}={as_text(value)}" for key, value in parameters.items())
+        raise ValueError(f"{name} with {options}: {error}" if options else str(error)) from None
+
+
+@dataclass(frozen=True)
+class SpecOptions:
+    """The options that choose a spec.
+
+    Attributes:
+        preset: a key of :data:`~nablahog.cli.arguments.presets.PRESETS`; None if it was not chosen.
+        settings: parameters of the preset, (name, value) as texts; the last of a name counts.
+    """
+
+    preset: str | None = None
+    settings: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, arguments: Namespace) -> SpecOptions:
+        """By the options ``--preset`` and ``--set``."""
+        return cls(arguments.preset, tuple(arguments.settings or ()))
+
+    def __post_init__(self) -> None:
+        self.spec()
+
+    @property
+    def name(self) -> str:
+        """The preset."""
+        return self.preset or DEFAULT_PRESET
+
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the preset that options set."""
+        hints, parameters = parameters_of(self.name), {}
+        for key, text in self.settings:
+            if key not in hints:
+                meant = did_you_mean(key, hints)
+                raise ValueError(f"--set: {self.name} has no parameter {key!r}, but {', '.join(hints)}{meant}")
+            try:
+                parameters[key] = parsed(text, hints[key])
+            except ValueError as error:
+                raise ValueError(f"--set {key}: {error}") from None
+        return parameters
+
+    def spec(self) -> HOGSpec:
+        """The spec of photographs: the options, completed by the defaults."""
+        return make_spec(self.name, self.parameters())
+
+    def check(self, spec: HOGSpec) -> None:
+        """Raises ValueError if ``spec``, of a descriptor file, contradicts the options."""
+        if self.preset is None and not self.settings:
+            return
+        expected, set_ones = self.spec(), dict(self.settings)
+        compared = [
+            field.name
+            for field in dataclasses.fields(expected)
+            if field.name not in _ONLY_IF_SET or not {*_ONLY_IF_SET[field.name]}.isdisjoint(set_ones)
+        ]
+        differing = [name for name in compared if getattr(spec, name) != getattr(expected, name)]
+        if set(differing) - {*_FREE}:
+            field = differing[0]  # the name, if it differs, says it best
+            raise ValueError(
+                f"a descriptor of another spec than asked for: its {field} is {getattr(spec, field)!r}, "
+                f"not {getattr(expected, field)!r}"
+            )
