@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.cli.arguments.presets import PRESETS
-from nablahog.cli.arguments.presets import make_spec
+from nablahog.cli.arguments.presets import PRESETS, make_spec
 from nablahog.io.descriptor_file import Fit, StoredDescriptor, fit, load_descriptor, save_descriptor, stored
 
 SIZE = (40, 29)

@@ -8,14 +8,12 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, LearnedModel, account, integers, tensor
-from ..io.learned_model import check_weights, with_weights
+from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, check_weights, integers, with_weights
 from .arguments import check_descriptor
 from .histograms import at_contrast, searchable
 from .prior_network import Architecture, PriorNetwork, SignedNetwork
@@ -60,7 +58,7 @@ class LearnedPrior(LearnedModel):
         "spec": SPEC,
         "widths": integers(),
         "blocks": integers(),
-        "weights": tensor(np.float16),
+        "weights": TENSOR,
         "training": account(NetworkLearning),
     }
 

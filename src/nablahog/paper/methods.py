@@ -12,9 +12,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
 from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
-from ..invert.histograms import searchable
+from ..invert.histograms import enlarge, searchable
 from ..invert.multiscale import SCALES, level_spec
-from ..invert.histograms import enlarge
 from ..jobs.worker import local_path
 from .baselines.cnn_hog import CNNHOG
 from .learned import SPEC, load

@@ -12,9 +12,8 @@ from pathlib import Path
 from ..io.files import check_folder
 from ..jobs.store import digest
 from ..jobs.worker import local_path
-from ..render.mesh import Mesh, load_mesh
 from ..pose.viewpoint_prior import FILE
-from ..render.mesh import load_meshes, sample_chairs
+from ..render.mesh import Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2

@@ -16,7 +16,7 @@ from nablahog.cli.commands import hog as command
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
-from nablahog.jobs import describing, resume
+from nablahog.jobs import describing, runner
 
 from ...paper.common import here
 from ..common import names
@@ -25,7 +25,7 @@ from ..common import names
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three images a file."""
-    monkeypatch.setattr(resume, "run_jobs", here)
+    monkeypatch.setattr(runner, "run_jobs", here)
     monkeypatch.setattr(command, "SHARD", 3)
 
 

@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from ...io.files import output_folder, write_text
-from ...io.images import limit_size, write_image
-from ...io.images import sample_photograph
+from ...io.images import limit_size, sample_photograph, write_image
 from ..arguments.presets import PRESETS
 from ..inputs.sources import from_photo
 from ..results import inversion_page

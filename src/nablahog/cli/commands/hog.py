@@ -17,8 +17,8 @@ from ...io.descriptor_file import save_descriptor
 from ...io.files import output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
-from ...jobs.worker import cores
 from ...jobs.store import JobResult
+from ...jobs.worker import cores
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions

@@ -17,9 +17,8 @@ import torch
 from ...invert import LearnedPrior
 from ...invert.learned import PriorChoice
 from ...io.files import output_folder, write_text
+from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
-from ...jobs.store import do_all
-from ...jobs.store import JobResult, digest, key_of
 from ...paper.learned import load
 from ...runtime.cache import code_key
 from ..errors import Skipping, UserError, as_user_error, forbid_overwrite

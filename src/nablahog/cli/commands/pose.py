@@ -14,15 +14,12 @@ from typing import Any
 import numpy as np
 
 from ...hog.box import Box
-from ...io.images import read_exif_focal
 from ...io.files import check_folder, output_folder
-from ...io.images import read_image
-from ...jobs.worker import local_path
-from ...jobs.store import do_all
-from ...jobs.worker import cores
-from ...jobs.store import JobResult, digest, key_of
-from ...paper.models import Models, read_models
+from ...io.images import read_exif_focal, read_image
+from ...jobs.store import JobResult, digest, do_all, key_of
+from ...jobs.worker import cores, local_path
 from ...paper.lists import ListedObject, read_objects
+from ...paper.models import Models, read_models
 from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod

@@ -15,9 +15,8 @@ from ...io.files import output_folder, write_text
 from ...io.images import SAMPLE_NAMES, sample_photograph
 from ...jobs.worker import cores
 from ...paper import table1_page, table2_page
-from ...paper.annotations import read_annotations
-from ...paper.names import CONDITIONS
-from ...paper.examples import Examples, photographed, rendered
+from ...paper.annotations import read_annotations, read_viewpoints, sample_viewpoints
+from ...paper.examples import CONDITIONS, Examples, photographed, rendered
 from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose
 from ...paper.models import chair_library, models_in, scene_chairs
@@ -27,7 +26,6 @@ from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
-from ...paper.annotations import read_viewpoints, sample_viewpoints
 from ..arguments.tables import HARDER, SCENES
 from ..errors import UserError, as_user_error
 from ..terminal import counter, print_table, say, say_ignored, say_page

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from ...hog import HOGSpec
-from ...io.arrays import read_array
-from ...io.descriptor_file import StoredDescriptor
-from ...io.descriptor_file import Fit, fit, is_row, shapes, stored
-from ...io.arrays import naming
+from ...io.arrays import naming, read_array
+from ...io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
 from ..arguments.presets import PRESETS, SpecOptions, as_text, make_spec, window_of
 
 Size: TypeAlias = tuple[int, int]

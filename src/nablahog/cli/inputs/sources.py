@@ -20,11 +20,10 @@ from torch import Tensor
 from ...hog import HOGSpec
 from ...hog.descriptor import describe
 from ...hog.gradient import gray
-from ...io.arrays import is_raw
-from ...io.descriptor_file import StoredDescriptor, load_descriptor, is_descriptor_file
+from ...io.arrays import is_archive, is_raw, naming
+from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.files import distinct_stems
 from ...io.images import MAX_BYTES, image_endings, limit_size, read_image
-from ...io.arrays import naming
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import Skipping, UserError, as_user_error
@@ -257,7 +256,7 @@ class _Reader:
         if self.array_options is not None and is_raw(path):
             self.arrays += 1
             return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
-        if is_descriptor_file(path):
+        if is_archive(path):
             of_file = load_descriptor(path)
             with naming(path):
                 self.spec_options.check(of_file.spec)

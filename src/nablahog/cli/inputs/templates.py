@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
 from ...invert import template_descriptor
-from ...io.arrays import is_raw, read_array
-from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.arrays import is_raw, naming, read_array
 from ...io.descriptor_file import Fit
-from ...io.arrays import naming
+from ...io.dpm_file import is_dpm_file, load_dpm
 from ..arguments.presets import SpecOptions
 from ..errors import as_user_error
 from .arrays import ArrayOptions
