@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 import torch
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
@@ -61,17 +62,40 @@ def test_sixteen_bits(tmp_path: Path, ending: str) -> None:
     torch.testing.assert_close(read_image(path)[0], torch.from_numpy(levels / 65535).float(), rtol=1e-6, atol=0)
 
 
-@pytest.mark.parametrize(("values", "expected"), [([0.0, 0.25, 1.0], [0, 0.25, 1]), ([0.0, 51.0, 255.0], [0, 0.2, 1])])
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([0.0, 0.25, 1.0], [0, 0.25, 1]),
+        ([0.0, 51.0, 255.0], [0, 0.2, 1]),
+        ([-1e-6, 0.5, 1.02], [0, 0.5, 1]),  # as filters leave it
+        ([-3.0, 51.0, 256.0], [0, 0.2, 1]),
+    ],
+)
 def test_float_levels(tmp_path: Path, values: list[float], expected: list[float]) -> None:
     Image.fromarray(np.array([values], dtype=np.float32)).save(tmp_path / "f.tiff")
     torch.testing.assert_close(read_image(tmp_path / "f.tiff")[0, 0], torch.tensor(expected).float())
 
 
-@pytest.mark.parametrize("bad", [np.nan, -1.0, 300.0, np.inf])
+@pytest.mark.parametrize("bad", [np.nan, -1.0, 7.3, 300.0, np.inf])
 def test_float_levels_out_of_range(tmp_path: Path, bad: float) -> None:
     Image.fromarray(np.array([[0.0, bad]], dtype=np.float32)).save(tmp_path / "f.tiff")
-    with pytest.raises(ValueError, match="expected levels in 0…"):
+    with pytest.raises(
+        ValueError, match=f"expected levels in 0…1 or 0…255, got .*{'NaN' if np.isnan(bad) else f'{bad:g}'}"
+    ):
         read_image(tmp_path / "f.tiff")
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+def test_a_tiff_file_in_which_zero_is_white(tmp_path: Path, dtype: str) -> None:
+    levels = RAMP.astype(dtype) * (257 if dtype == "u2" else 1)
+    tifffile.imwrite(tmp_path / "w.tif", levels, photometric="miniswhite")
+    torch.testing.assert_close(read_image(tmp_path / "w.tif")[0], 1 - torch.from_numpy(RAMP) / 255)
+
+
+def test_unsigned_numbers_of_32_bits_are_told_as_they_are(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "u.tif", np.full((16, 16), 3_000_000_000, np.uint32))
+    with pytest.raises(ValueError, match=r"0…65535, got 3000000000 "):
+        read_image(tmp_path / "u.tif")
 
 
 def test_alpha_lies_over_white(tmp_path: Path) -> None:
@@ -109,6 +133,23 @@ def test_truncated_files(tmp_path: Path, ending: str) -> None:
     for part in (0, 1, 10, 40, len(whole.getvalue()) // 2):
         path.write_bytes(whole.getvalue()[:part])
         with pytest.raises(ValueError, match=f"^{path}: "):
+            read_image(path)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_a_jpeg_file_without_its_end_marker(tmp_path: Path, mode: str) -> None:
+    whole, path = io.BytesIO(), tmp_path / "camera.jpg"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (45, 67, 3), dtype=np.uint8)).convert(mode).save(
+        whole, "JPEG"
+    )
+    path.write_bytes(whole.getvalue())
+    expected = read_image(path)
+    for missing in (1, 2):
+        path.write_bytes(whole.getvalue()[:-missing])
+        assert torch.equal(read_image(path), expected)
+    for missing in (4, 5, 30):  # pixels, too
+        path.write_bytes(whole.getvalue()[:-missing])
+        with pytest.raises(ValueError, match="truncated"):
             read_image(path)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, SAMPLEFORMAT
 from torch import Tensor
 from torch.nn import functional
 
@@ -30,6 +31,10 @@ SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "c
 """Names of the photographs in the wheel of scikit-image."""
 
 _GRAY_MODES = ("1", "L", "LA", "La")
+_WHITE_IS_ZERO = 0  # as TIFF's tag has it
+_OVERSHOOT = 0.1  # of filters, that is clipped, as a part of the largest level
+_BRIGHTEST_OF_255 = 16.0  # at least; a smaller highest level would be a black image, or one of high dynamic range
+_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
@@ -63,7 +68,9 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
     files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
-    k/65535; float files hold 0…1, or 0…255, which is divided by 255.  Colour profiles are not applied.
+    k/65535, and its negative where the file says that 0 is white.  Float files hold 0…1 or 0…255, which is divided by
+    255; what lies outside by less than a tenth, as filters leave it, is clipped.  Colour profiles are not applied.  A
+    JPEG file may lack its end marker, if it has all pixels.
 
     Args:
         path: the file.
@@ -105,7 +112,23 @@ def _decoded(path: Path) -> Image.Image:
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
     # from memory: some decoders allocate as many bytes as a damaged file promises
-    with Image.open(io.BytesIO(path.read_bytes())) as image:
+    data = path.read_bytes()
+    try:
+        return _opened(data)
+    except OSError:
+        # what follows the pixels of a JPEG file changes none of them, unless some are missing
+        if not data.startswith(_JPEG):
+            raise
+        data = data.removesuffix(b"\xff")
+        image, same = (_opened(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
+        if "progressive" in image.info or image.tobytes() != same.tobytes():
+            raise
+        return image
+
+
+def _opened(data: bytes) -> Image.Image:
+    image: Image.Image
+    with Image.open(io.BytesIO(data)) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
         image.load()
@@ -116,11 +139,11 @@ def _decoded(path: Path) -> Image.Image:
 
 def _levels(image: Image.Image) -> NDArray[np.float32]:
     """(H, W) or (H, W, channels), float32 in 0…1."""
-    if image.mode == "I" or image.mode.startswith("I;16"):  # which of the two a 16-bit PNG is, depends on Pillow
-        return _scaled(_numbers(image), 65535)
-    if image.mode == "F":
-        values = _numbers(image)
-        return _scaled(values, 1 if values.max() <= 1 else 255)
+    if image.mode in ("I", "F") or image.mode.startswith("I;16"):  # which a 16-bit PNG is, depends on Pillow
+        numbers = _numbers(image)
+        scaled = _scaled_floats(numbers) if image.mode == "F" else _scaled(numbers, 65535)
+        # Pillow itself inverts levels of 8 bits
+        return 1 - scaled if _tiff_tag(image, PHOTOMETRIC_INTERPRETATION) == _WHITE_IS_ZERO else scaled
     gray = image.mode in _GRAY_MODES
     if image.has_transparency_data:
         rgba = _scaled(np.asarray(image.convert("LA" if image.mode == "La" else "RGBA")), 255)
@@ -135,15 +158,31 @@ def _numbers(image: Image.Image) -> NDArray[Any]:
     values = np.empty((image.height, image.width), np.asarray(image.crop((0, 0, 1, 1))).dtype)
     for y in range(0, image.height, STRIP):
         values[y : y + STRIP] = np.asarray(image.crop((0, y, image.width, min(y + STRIP, image.height))))
-    return values
+    # Pillow reads unsigned numbers of 32 bits as signed ones
+    unsigned = _tiff_tag(image, SAMPLEFORMAT, (1,)) == (1,) and values.dtype == np.int32
+    return values.view(np.uint32) if unsigned and _tiff_tag(image, BITSPERSAMPLE) == (32,) else values
+
+
+def _tiff_tag(image: Image.Image, tag: int, default: object = None) -> object:
+    """A tag of a TIFF file; ``default`` where it, or the whole file, has none."""
+    return getattr(image, "tag_v2", {}).get(tag, default)
 
 
 def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
-    if values.size and not (values.min() >= 0 and values.max() <= largest):  # NaN fails too
+    if values.size and not (values.min() >= 0 and values.max() <= largest):
         raise ValueError(f"expected levels in 0…{largest}, got {values.min()} … {values.max()}")
     scaled = values.astype(np.float32)
     scaled /= np.float32(largest)
     return scaled
+
+
+def _scaled_floats(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    lowest, highest = float(values.min()), float(values.max())
+    for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
+        if highest >= least and -_OVERSHOOT * largest <= lowest and highest <= (1 + _OVERSHOOT) * largest:
+            return _scaled(values.clip(0, largest), largest)
+    got = "NaN" if math.isnan(lowest) else f"{lowest:g} … {highest:g}"
+    raise ValueError(f"expected levels in 0…1 or 0…255, got {got}")
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
