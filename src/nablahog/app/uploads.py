@@ -24,7 +24,8 @@ from ..cli.inputs.spec import SpecOptions
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
-from ..io.images import read_image, register_heif
+from ..io.images import read_image
+from ..io.pixels import register_heif
 from ..render import load_mesh
 from .errors import RequestError, named
 from .requests import Settings, decoded, spec_options

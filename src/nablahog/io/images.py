@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import warnings
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
-from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, SAMPLEFORMAT
+from PIL import ExifTags, Image, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
 from ..runtime.text import one_line
 from .files import check_file, replacing
+from .pixels import decoded, levels, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
-
-MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
-STRIP = 256  # rows that are converted at once
 
 SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
 """Names of the photographs in the wheel of scikit-image."""
 
-_GRAY_MODES = ("1", "L", "LA", "La")
-_WHITE_IS_ZERO = 0  # as TIFF's tag has it
-_OVERSHOOT = 0.1  # of filters, that is clipped, as a part of the largest level
-_BRIGHTEST_OF_255 = 16.0  # at least; a smaller highest level would be a black image, or one of high dynamic range
-_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
@@ -48,22 +38,13 @@ def as_array(picture: Picture) -> NDArray[np.float64]:
     return np.asarray(picture, dtype=np.float64)
 
 
-@cache
-def register_heif() -> None:
-    """Lets Pillow read HEIC and AVIF as pillow-heif does, where it is installed."""
-    with suppress(ImportError):
-        import pillow_heif
-
-        pillow_heif.register_heif_opener()
-
-
 def image_endings() -> set[str]:
     """The endings, as ".png", of files that :func:`read_image` reads as images."""
     register_heif()
     return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
 
 
-def read_image(path: str | os.PathLike[str]) -> Tensor:
+def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
     """The picture in a file, of any format that Pillow decodes by itself, or with pillow-heif where that is installed.
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
@@ -74,24 +55,28 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
 
     Args:
         path: the file.
+        size: pixels; a picture whose longer side has more is shrunk as :func:`limit_size` does, with less memory than
+            the whole takes; 0 for never.
 
     Returns:
         (C, H, W) with C 1 or 3, float32 in 0…1, on the CPU.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than
+        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than twice
             ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
     """
     path = Path(path)
     check_file(path, "an image file")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about odd metadata
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        warnings.simplefilter("ignore")  # about odd metadata, and about many pixels
         try:
-            levels = _levels(_decoded(path))
-        except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-            limit = Image.MAX_IMAGE_PIXELS
+            image = decoded(path)
+            if not image.width * image.height:
+                raise ValueError(f"it has no pixels ({image.height}x{image.width})")
+            return _assembled(image, size)
+        except Image.DecompressionBombError:
+            limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
             raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused, it may be a bomb") from None
         except UnidentifiedImageError:
             raise ValueError(f"{path}: expected an image, got a file of no format that Pillow reads") from None
@@ -99,90 +84,13 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
             raise ValueError(f"{path}: the image cannot be read: {one_line(error)}") from None
-    if levels.ndim == 2:
-        levels = levels[..., None]
-    if levels.size == 0:
-        raise ValueError(f"{path}: the image has no pixels ({levels.shape[0]}x{levels.shape[1]})")
-    return torch.from_numpy(np.ascontiguousarray(levels.transpose(2, 0, 1)))
 
 
-def _decoded(path: Path) -> Image.Image:
-    image: Image.Image
-    register_heif()
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
-    # from memory: some decoders allocate as many bytes as a damaged file promises
-    data = path.read_bytes()
-    try:
-        return _opened(data)
-    except OSError:
-        # what follows the pixels of a JPEG file changes none of them, unless some are missing
-        if not data.startswith(_JPEG):
-            raise
-        data = data.removesuffix(b"\xff")
-        image, same = (_opened(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
-        if "progressive" in image.info or image.tobytes() != same.tobytes():
-            raise
-        return image
-
-
-def _opened(data: bytes) -> Image.Image:
-    image: Image.Image
-    with Image.open(io.BytesIO(data)) as image:
-        if image.format == "EPS":
-            raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
-        image.load()
-        with suppress(Exception):  # damaged EXIF data says nothing about the pixels
-            ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
-    return image
-
-
-def _levels(image: Image.Image) -> NDArray[np.float32]:
-    """(H, W) or (H, W, channels), float32 in 0…1."""
-    if image.mode in ("I", "F") or image.mode.startswith("I;16"):  # which a 16-bit PNG is, depends on Pillow
-        numbers = _numbers(image)
-        scaled = _scaled_floats(numbers) if image.mode == "F" else _scaled(numbers, 65535)
-        # Pillow itself inverts levels of 8 bits
-        return 1 - scaled if _tiff_tag(image, PHOTOMETRIC_INTERPRETATION) == _WHITE_IS_ZERO else scaled
-    gray = image.mode in _GRAY_MODES
-    if image.has_transparency_data:
-        rgba = _scaled(np.asarray(image.convert("LA" if image.mode == "La" else "RGBA")), 255)
-        alpha = rgba[..., -1:]
-        over_white = rgba[..., :-1] * alpha + (1 - alpha)
-        return over_white[..., :1] if gray else over_white
-    return _scaled(np.asarray(image.convert("L" if gray else "RGB")), 255)
-
-
-def _numbers(image: Image.Image) -> NDArray[Any]:
-    """The pixels of one channel, (H, W), in strips: NumPy copies an image of Pillow twice."""
-    values = np.empty((image.height, image.width), np.asarray(image.crop((0, 0, 1, 1))).dtype)
-    for y in range(0, image.height, STRIP):
-        values[y : y + STRIP] = np.asarray(image.crop((0, y, image.width, min(y + STRIP, image.height))))
-    # Pillow reads unsigned numbers of 32 bits as signed ones
-    unsigned = _tiff_tag(image, SAMPLEFORMAT, (1,)) == (1,) and values.dtype == np.int32
-    return values.view(np.uint32) if unsigned and _tiff_tag(image, BITSPERSAMPLE) == (32,) else values
-
-
-def _tiff_tag(image: Image.Image, tag: int, default: object = None) -> object:
-    """A tag of a TIFF file; ``default`` where it, or the whole file, has none."""
-    return getattr(image, "tag_v2", {}).get(tag, default)
-
-
-def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
-    if values.size and not (values.min() >= 0 and values.max() <= largest):
-        raise ValueError(f"expected levels in 0…{largest}, got {values.min()} … {values.max()}")
-    scaled = values.astype(np.float32)
-    scaled /= np.float32(largest)
-    return scaled
-
-
-def _scaled_floats(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    lowest, highest = float(values.min()), float(values.max())
-    for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
-        if highest >= least and -_OVERSHOOT * largest <= lowest and highest <= (1 + _OVERSHOOT) * largest:
-            return _scaled(values.clip(0, largest), largest)
-    got = "NaN" if math.isnan(lowest) else f"{lowest:g} … {highest:g}"
-    raise ValueError(f"expected levels in 0…1 or 0…255, got {got}")
+def _assembled(image: Image.Image, size: int) -> Tensor:
+    """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
+    height, width = _limited(image.height, image.width, size)
+    narrow = [_resized(torch.from_numpy(strip).movedim(-1, 0), len(strip), width) for strip in levels(image)]
+    return _resized(torch.cat(narrow, 1), height, width).clamp(0, 1).contiguous()
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
@@ -200,13 +108,21 @@ def limit_size(image: Tensor, size: int) -> Tensor:
     """
     if size < 1:
         raise ValueError(f"size must be at least 1 pixel, got {size}")
-    height, width = image.shape[-2:]
+    small = _resized(image, *_limited(image.shape[1], image.shape[2], size))
+    return image if small is image else small.clamp(0, 1)  # bicubic overshoots at edges
+
+
+def _limited(height: int, width: int, size: int) -> tuple[int, int]:
     longer = max(height, width)
-    if longer <= size:
+    if not 0 < size < longer:
+        return height, width
+    return max(1, round(height * size / longer)), max(1, round(width * size / longer))
+
+
+def _resized(image: Tensor, height: int, width: int) -> Tensor:
+    if image.shape[1:] == (height, width):
         return image
-    target = [max(1, round(side * size / longer)) for side in (height, width)]
-    small = functional.interpolate(image[None], target, mode="bicubic", antialias=True, align_corners=False)
-    return small[0].clamp(0, 1)  # bicubic overshoots at edges
+    return functional.interpolate(image[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]
 
 
 def to_pil(picture: Picture) -> Image.Image:

@@ -69,7 +69,7 @@ def _entries(folder: Path, recursive: bool) -> Iterator[Path]:
 
 def _read(path: Path, name: str, size: int, result: Photographs) -> None:
     try:
-        result.images[name] = _prepared(read_image(path), size)
+        result.images[name] = _prepared(read_image(path, size), 0)
     except (OSError, ValueError) as error:
         result.failed[name] = str(error).removeprefix(f"{path}: ")
 

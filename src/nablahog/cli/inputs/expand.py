@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...io.images import MAX_BYTES
+from ...io.pixels import MAX_BYTES
 from ..errors import Skipping, UserError
 
 STDIN = "-"
