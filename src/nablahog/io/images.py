@@ -89,8 +89,14 @@ def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
 def _assembled(image: Image.Image, size: int) -> Tensor:
     """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
     height, width = _limited(image.height, image.width, size)
-    narrow = [_resized(torch.from_numpy(strip).movedim(-1, 0), len(strip), width) for strip in levels(image)]
-    return _resized(torch.cat(narrow, 1), height, width).clamp(0, 1).contiguous()
+    narrow, row = torch.empty(0), 0
+    for each in levels(image):
+        strip = torch.from_numpy(each).movedim(-1, 0)
+        if not row:
+            narrow = torch.empty(len(strip), image.height, width)
+        narrow[:, row : row + len(each)] = _resized(strip, len(each), width)
+        row += len(each)
+    return _resized(narrow, height, width).clamp_(0, 1)
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
