@@ -2,13 +2,44 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+BRIGHTNESS = 0.8
+"""The brightness of a mesh without colours."""
+GRAY = (0.299, 0.587, 0.114)  # of R, G and B
 MOST_CORNERS = 1000  # of a polygon that is not convex; its triangles take their square in time
+
+
+class Soup(NamedTuple):
+    """Triangles, unchecked: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1."""
+
+    vertices: Floats
+    faces: Integers
+    brightness: Floats
+
+
+def gray_of(colours: NDArray[Any]) -> Floats:
+    """Gray in 0…1 of colours (..., at least 3): integers up to their type's largest, or floats in 0…1."""
+    scale = np.iinfo(colours.dtype).max if colours.dtype.kind in "iu" else 1
+    gray: Floats = (colours[..., :3].astype(np.float64) / scale) @ np.array(GRAY)
+    return np.nan_to_num(gray).clip(0, 1)
+
+
+def soup_of(
+    vertices: Floats, corners: Integers, counts: Integers, *, of_vertices: Floats | None, of_faces: Floats | None
+) -> Soup:
+    """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of faces (P,), if known."""
+    faces, polygons = triangulated(vertices, corners, counts)
+    if of_faces is None:
+        return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
+    # a vertex for each corner, since neighbours may differ
+    return Soup(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), of_faces[polygons].repeat(3))
 
 
 def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple[Integers, Integers]:
