@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .axes import axes
-from .mesh_file import Soup, read_soup
+from .mesh_file import read_soup
+from .polygons import Soup
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

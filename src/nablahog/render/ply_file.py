@@ -67,6 +67,11 @@ def header_of(data: bytes) -> tuple[str | None, list[Element], int]:
     return _ORDERS[formats[0]], elements, len(data) - len(body) + len(rest) + 1
 
 
+def has_texture(data: bytes) -> bool:
+    """Whether the header names an image file, as MeshLab writes it."""
+    return b"TextureFile" in data[: data.find(b"end_header")]
+
+
 def read_ply(data: bytes, most_rows: int) -> Soup:
     """The triangles of a PLY file, with the colours of its vertices, or else of its faces.
 
