@@ -32,7 +32,7 @@ def write(folder: str, of: list[Row], each: int) -> None:
 @pytest.mark.parametrize("store", ["folder", "memory"])
 @pytest.mark.parametrize("each", [2, 10])
 def test_what_is_written_is_read(tmp_path: Path, store: str, each: int) -> None:
-    url = str(tmp_path / "x.parquet") if store == "folder" else f"memory://{tmp_path.name}-{each}/x.parquet"
+    url = str(tmp_path / "run[1].parquet") if store == "folder" else f"memory://{tmp_path.name}-{each}/x.parquet"
     write(url, rows(6), each)
     data = DescriptorDataset(url)
     assert (len(data), data.spec) == (6, SPEC)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import errno
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -153,3 +156,9 @@ def test_distinct_stems() -> None:
     assert stems("a.png", "b/a.png", "a_2.png") == ["a", "a_3", "a_2"]
     assert stems("a.png", "A.png", "same.png", "same.png") == ["a", "A_2", "same", "same_2"]
     assert [len(stem.encode()) for stem in stems("é" * 200 + ".png")] == [180]
+    code = "import nablahog.io.files as f, pathlib, sys; print(ascii(f.distinct_stems([pathlib.Path(sys.argv[1])])))"
+    of_c = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    told = subprocess.run(
+        [sys.executable, "-c", code, "naïve.png"], env=of_c, capture_output=True, text=True, check=True
+    )
+    assert os.fsencode(ast.literal_eval(told.stdout)[0]) == "naïve".encode()

@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 import torch
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
-from nablahog.io.images import image_endings, limit_size, read_exif_focal, read_image, register_heif, write_image
+from nablahog.io.images import image_endings, limit_size, read_exif_focal, read_image, write_image
+from nablahog.io.pixels import register_heif
 
 RAMP = np.arange(256, dtype=np.uint8).reshape(16, 16)
 COLOURS = np.random.default_rng(0).integers(0, 256, (6, 5, 3), dtype=np.uint8)
@@ -61,17 +63,40 @@ def test_sixteen_bits(tmp_path: Path, ending: str) -> None:
     torch.testing.assert_close(read_image(path)[0], torch.from_numpy(levels / 65535).float(), rtol=1e-6, atol=0)
 
 
-@pytest.mark.parametrize(("values", "expected"), [([0.0, 0.25, 1.0], [0, 0.25, 1]), ([0.0, 51.0, 255.0], [0, 0.2, 1])])
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([0.0, 0.25, 1.0], [0, 0.25, 1]),
+        ([0.0, 51.0, 255.0], [0, 0.2, 1]),
+        ([-1e-6, 0.5, 1.02], [0, 0.5, 1]),  # as filters leave it
+        ([-3.0, 51.0, 256.0], [0, 0.2, 1]),
+    ],
+)
 def test_float_levels(tmp_path: Path, values: list[float], expected: list[float]) -> None:
     Image.fromarray(np.array([values], dtype=np.float32)).save(tmp_path / "f.tiff")
     torch.testing.assert_close(read_image(tmp_path / "f.tiff")[0, 0], torch.tensor(expected).float())
 
 
-@pytest.mark.parametrize("bad", [np.nan, -1.0, 300.0, np.inf])
+@pytest.mark.parametrize("bad", [np.nan, -1.0, 7.3, 300.0, np.inf])
 def test_float_levels_out_of_range(tmp_path: Path, bad: float) -> None:
     Image.fromarray(np.array([[0.0, bad]], dtype=np.float32)).save(tmp_path / "f.tiff")
-    with pytest.raises(ValueError, match="expected levels in 0…"):
+    with pytest.raises(
+        ValueError, match=f"expected levels in 0…1 or 0…255, got .*{'NaN' if np.isnan(bad) else f'{bad:g}'}"
+    ):
         read_image(tmp_path / "f.tiff")
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+def test_a_tiff_file_in_which_zero_is_white(tmp_path: Path, dtype: str) -> None:
+    levels = RAMP.astype(dtype) * (257 if dtype == "u2" else 1)
+    tifffile.imwrite(tmp_path / "w.tif", levels, photometric="miniswhite")
+    torch.testing.assert_close(read_image(tmp_path / "w.tif")[0], 1 - torch.from_numpy(RAMP) / 255)
+
+
+def test_unsigned_numbers_of_32_bits_are_told_as_they_are(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "u.tif", np.full((16, 16), 3_000_000_000, np.uint32))
+    with pytest.raises(ValueError, match=r"0…65535, got 3000000000 "):
+        read_image(tmp_path / "u.tif")
 
 
 def test_alpha_lies_over_white(tmp_path: Path) -> None:
@@ -112,10 +137,26 @@ def test_truncated_files(tmp_path: Path, ending: str) -> None:
             read_image(path)
 
 
-@pytest.mark.parametrize("pixels", [100_000_000, 400_000_000])  # Pillow only warns of the first
-def test_decompression_bombs(tmp_path: Path, pixels: int) -> None:
-    (tmp_path / "bomb.png").write_bytes(_png_of_size(pixels // 1000, 1000))
-    with pytest.raises(ValueError, match=r"bomb\.png: an image of more than 89,478,485 pixels is refused"):
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_a_jpeg_file_without_its_end_marker(tmp_path: Path, mode: str) -> None:
+    whole, path = io.BytesIO(), tmp_path / "camera.jpg"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (45, 67, 3), dtype=np.uint8)).convert(mode).save(
+        whole, "JPEG"
+    )
+    path.write_bytes(whole.getvalue())
+    expected = read_image(path)
+    for missing in (1, 2):
+        path.write_bytes(whole.getvalue()[:-missing])
+        assert torch.equal(read_image(path), expected)
+    for missing in (4, 5, 30):  # pixels, too
+        path.write_bytes(whole.getvalue()[:-missing])
+        with pytest.raises(ValueError, match="truncated"):
+            read_image(path)
+
+
+def test_decompression_bombs(tmp_path: Path) -> None:
+    (tmp_path / "bomb.png").write_bytes(_png_of_size(400_000, 1000))
+    with pytest.raises(ValueError, match=r"bomb\.png: an image of more than 178,956,970 pixels is refused"):
         read_image(tmp_path / "bomb.png")
 
 
@@ -146,6 +187,15 @@ def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]
     assert small.min() >= 0
     assert small.max() <= 1
     assert torch.equal(limit_size(image, 2000), image)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "F"])
+def test_reading_a_smaller_picture(tmp_path: Path, mode: str) -> None:
+    levels = np.random.default_rng(0).integers(0, 256, (700, 310, 4), dtype=np.uint8)  # strips of 256, 256 and 188 rows
+    Image.fromarray(levels).convert(mode).save(tmp_path / "a.tif")
+    whole = read_image(tmp_path / "a.tif")
+    for size in (100, 699, 700, 2000):
+        assert torch.equal(read_image(tmp_path / "a.tif", size), limit_size(whole, size))
 
 
 def test_writing_and_reading_again(tmp_path: Path) -> None:

@@ -104,8 +104,18 @@ def test_the_parent_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
-def test_cores() -> None:
-    assert 1 <= cores() <= (os.cpu_count() or 1)
+def test_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("nablahog.jobs.worker.CGROUP", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
+    assert cores() == 64
+    (tmp_path / "cpu").mkdir()  # version 1 of control groups
+    for quota, expected in (("-1", 64), ("150000", 2), ("1", 1)):
+        (tmp_path / "cpu" / "cpu.cfs_quota_us").write_text(quota)
+        (tmp_path / "cpu" / "cpu.cfs_period_us").write_text("100000\n")
+        assert cores() == expected
+    for written, expected in (("max 100000\n", 64), ("250000 100000\n", 3)):
+        (tmp_path / "cpu.max").write_text(written)
+        assert cores() == expected
 
 
 _PARENT = """

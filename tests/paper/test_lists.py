@@ -31,6 +31,7 @@ def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
         ('image, x\n"a,b.jpg", 1.5\n\nc.jpg,-2\n', "utf-8"),
         ('image,x\r\n"a,b.jpg",1.5\r\nc.jpg,-2\r\n', "utf-8-sig"),
         ('image,x\r"a,b.jpg",1.5\rc.jpg,-2\r', "utf-8"),
+        ("image\tx\r\na,b.jpg\t1,5\r\nc.jpg\t-2\r\n", "utf-16"),  # "Unicode text" of Excel
         ("image;x;note\na,b.jpg;1,5;x\nc.jpg;-2;\n", "utf-8-sig"),  # as Excel writes it where the comma is decimal
     ],
 )

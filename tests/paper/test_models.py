@@ -28,13 +28,20 @@ def _fill(folder: Path, files: dict[str, str]) -> Path:
     return folder
 
 
-def test_models_here_and_one_folder_below(tmp_path: Path) -> None:
-    files = {"02.off": TRIANGLE, "01.off": TRIANGLE, "chair/b.OFF": TRIANGLE, "chair/deep/c.off": TRIANGLE}
-    models = read_models(_fill(tmp_path, files))
-    assert list(models.paths) == ["01", "02", "chair/b"]
+def test_models_here_and_below(tmp_path: Path) -> None:
+    shapenet = "03001627/1006be/models/model_normalized"
+    files = {
+        "02.off": TRIANGLE,
+        "01.off": TRIANGLE,
+        "chair/b.OFF": TRIANGLE,
+        f"{shapenet}.obj": OBJ,
+        "1/2/3/4/5/c.off": OBJ,
+    }
+    models = read_models(_fill(tmp_path, {**files, ".hidden/d.off": TRIANGLE, "notes": ""}))
+    assert list(models.paths) == ["01", "02", shapenet, "chair/b"]
     assert models.paths["chair/b"] == tmp_path / "chair" / "b.OFF"
-    assert models.ignored == ["chair/deep"]
-    assert [(name, len(mesh.faces)) for name, mesh in models.meshes()] == [("01", 1), ("02", 1), ("chair/b", 1)]
+    assert models.ignored == ["notes"]
+    assert [len(mesh.faces) for _, mesh in models.meshes()] == [1] * 4
 
 
 def test_materials_belong_to_their_model(tmp_path: Path) -> None:

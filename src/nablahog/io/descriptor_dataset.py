@@ -6,6 +6,7 @@ written whole or not at all.  Its metadata has the spec, and a key that tells wh
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import io
 import json
@@ -114,7 +115,7 @@ class DescriptorDataset(Sequence[Row]):
     def __init__(self, url: str) -> None:
         self.url = url
         system, path = fsspec.core.url_to_fs(url)
-        self._files = sorted(str(each) for each in system.glob(f"{path.rstrip('/')}/part-*.parquet"))
+        self._files = sorted(str(each) for each in system.glob(f"{glob.escape(path.rstrip('/'))}/part-*.parquet"))
         if not self._files:
             raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet)")
         self._system = system

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import secrets
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -149,7 +150,7 @@ def distinct_stems(paths: Sequence[Path]) -> list[str]:
 
     Stems that differ only in case count as the same, as they are on some file systems; very long ones are cut.
     """
-    stems = [os.fsencode(path.stem)[:MAX_STEM_BYTES].decode(errors="ignore") or "input" for path in paths]
+    stems = [_short(path.stem) or "input" for path in paths]
     plain_stems = {stem.casefold() for stem in stems}  # a numbered stem must not equal the stem of another input
     taken: set[str] = set()
     result = []
@@ -162,3 +163,9 @@ def distinct_stems(paths: Sequence[Path]) -> list[str]:
         taken.add(name.casefold())
         result.append(name)
     return result
+
+
+def _short(stem: str) -> str:
+    """The first :data:`MAX_STEM_BYTES` of a name, in the encoding of file names."""
+    first = os.fsencode(stem)[:MAX_STEM_BYTES]
+    return first.decode(errors="ignore") if sys.getfilesystemencoding() == "utf-8" else os.fsdecode(first)

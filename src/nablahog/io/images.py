@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import warnings
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
 from ..runtime.text import one_line
 from .files import check_file, replacing
+from .pixels import decoded, levels, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
-
-MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
-STRIP = 256  # rows that are converted at once
 
 SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "coins", "rocket")
 """Names of the photographs in the wheel of scikit-image."""
 
-_GRAY_MODES = ("1", "L", "LA", "La")
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
@@ -43,48 +38,45 @@ def as_array(picture: Picture) -> NDArray[np.float64]:
     return np.asarray(picture, dtype=np.float64)
 
 
-@cache
-def register_heif() -> None:
-    """Lets Pillow read HEIC and AVIF as pillow-heif does, where it is installed."""
-    with suppress(ImportError):
-        import pillow_heif
-
-        pillow_heif.register_heif_opener()
-
-
 def image_endings() -> set[str]:
     """The endings, as ".png", of files that :func:`read_image` reads as images."""
     register_heif()
     return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
 
 
-def read_image(path: str | os.PathLike[str]) -> Tensor:
+def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
     """The picture in a file, of any format that Pillow decodes by itself, or with pillow-heif where that is installed.
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
     files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
-    k/65535; float files hold 0…1, or 0…255, which is divided by 255.  Colour profiles are not applied.
+    k/65535, and its negative where the file says that 0 is white.  Float files hold 0…1 or 0…255, which is divided by
+    255; what lies outside by less than a tenth, as filters leave it, is clipped.  Colour profiles are not applied.  A
+    JPEG file may lack its end marker, if it has all pixels.
 
     Args:
         path: the file.
+        size: pixels; a picture whose longer side has more is shrunk as :func:`limit_size` does, with less memory than
+            the whole takes; 0 for never.
 
     Returns:
         (C, H, W) with C 1 or 3, float32 in 0…1, on the CPU.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than
+        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than twice
             ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
     """
     path = Path(path)
     check_file(path, "an image file")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about odd metadata
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        warnings.simplefilter("ignore")  # about odd metadata, and about many pixels
         try:
-            levels = _levels(_decoded(path))
-        except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-            limit = Image.MAX_IMAGE_PIXELS
+            image = decoded(path)
+            if not image.width * image.height:
+                raise ValueError(f"it has no pixels ({image.height}x{image.width})")
+            return _assembled(image, size)
+        except Image.DecompressionBombError:
+            limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
             raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused, it may be a bomb") from None
         except UnidentifiedImageError:
             raise ValueError(f"{path}: expected an image, got a file of no format that Pillow reads") from None
@@ -92,71 +84,40 @@ def read_image(path: str | os.PathLike[str]) -> Tensor:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
             raise ValueError(f"{path}: the image cannot be read: {one_line(error)}") from None
-    if levels.ndim == 2:
-        levels = levels[..., None]
-    if levels.size == 0:
-        raise ValueError(f"{path}: the image has no pixels ({levels.shape[0]}x{levels.shape[1]})")
-    return torch.from_numpy(np.ascontiguousarray(levels.transpose(2, 0, 1)))
 
 
-def _decoded(path: Path) -> Image.Image:
-    image: Image.Image
-    register_heif()
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
-    # from memory: some decoders allocate as many bytes as a damaged file promises
-    with Image.open(io.BytesIO(path.read_bytes())) as image:
-        if image.format == "EPS":
-            raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
-        image.load()
-        with suppress(Exception):  # damaged EXIF data says nothing about the pixels
-            ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
-    return image
-
-
-def _levels(image: Image.Image) -> NDArray[np.float32]:
-    """(H, W) or (H, W, channels), float32 in 0…1."""
-    if image.mode == "I" or image.mode.startswith("I;16"):  # which of the two a 16-bit PNG is, depends on Pillow
-        return _scaled(_numbers(image), 65535)
-    if image.mode == "F":
-        values = _numbers(image)
-        return _scaled(values, 1 if values.max() <= 1 else 255)
-    gray = image.mode in _GRAY_MODES
-    if image.has_transparency_data:
-        rgba = _scaled(np.asarray(image.convert("LA" if image.mode == "La" else "RGBA")), 255)
-        alpha = rgba[..., -1:]
-        over_white = rgba[..., :-1] * alpha + (1 - alpha)
-        return over_white[..., :1] if gray else over_white
-    return _scaled(np.asarray(image.convert("L" if gray else "RGB")), 255)
-
-
-def _numbers(image: Image.Image) -> NDArray[Any]:
-    """The pixels of one channel, (H, W), in strips: NumPy copies an image of Pillow twice."""
-    values = np.empty((image.height, image.width), np.asarray(image.crop((0, 0, 1, 1))).dtype)
-    for y in range(0, image.height, STRIP):
-        values[y : y + STRIP] = np.asarray(image.crop((0, y, image.width, min(y + STRIP, image.height))))
-    return values
-
-
-def _scaled(values: NDArray[np.generic], largest: int) -> NDArray[np.float32]:
-    if values.size and not (values.min() >= 0 and values.max() <= largest):  # NaN fails too
-        raise ValueError(f"expected levels in 0…{largest}, got {values.min()} … {values.max()}")
-    scaled = values.astype(np.float32)
-    scaled /= np.float32(largest)
-    return scaled
+def _assembled(image: Image.Image, size: int) -> Tensor:
+    """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
+    height, width = _limited(image.height, image.width, size)
+    narrow, row = torch.empty(0), 0
+    for each in levels(image):
+        strip = torch.from_numpy(each).movedim(-1, 0)
+        if not row:
+            narrow = torch.empty(len(strip), image.height, width)
+        narrow[:, row : row + len(each)] = _resized(strip, len(each), width)
+        row += len(each)
+    return _resized(narrow, height, width).clamp_(0, 1)
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
     """An image (C, H, W) in 0…1 with at most ``size`` pixels, at least 1, on its longer side: shrunk, antialiased."""
     if size < 1:
         raise ValueError(f"size must be at least 1 pixel, got {size}")
-    height, width = image.shape[-2:]
+    small = _resized(image, *_limited(image.shape[1], image.shape[2], size))
+    return image if small is image else small.clamp(0, 1)  # bicubic overshoots at edges
+
+
+def _limited(height: int, width: int, size: int) -> tuple[int, int]:
     longer = max(height, width)
-    if longer <= size:
+    if not 0 < size < longer:
+        return height, width
+    return max(1, round(height * size / longer)), max(1, round(width * size / longer))
+
+
+def _resized(image: Tensor, height: int, width: int) -> Tensor:
+    if image.shape[1:] == (height, width):
         return image
-    target = [max(1, round(side * size / longer)) for side in (height, width)]
-    small = functional.interpolate(image[None], target, mode="bicubic", antialias=True, align_corners=False)
-    return small[0].clamp(0, 1)  # bicubic overshoots at edges
+    return functional.interpolate(image[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]
 
 
 def to_pil(picture: Picture) -> Image.Image:

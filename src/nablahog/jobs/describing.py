@@ -15,7 +15,7 @@ from ..hog import HOGSpec
 from ..hog.descriptor import describe
 from ..io.descriptor_dataset import Row, shard_key, write_shard
 from ..io.descriptor_file import StoredDescriptor
-from ..io.images import limit_size, read_image
+from ..io.images import read_image
 from .store import JobResult
 
 
@@ -48,21 +48,20 @@ class ShardJob:
 
     def _row(self, path: str) -> Row:
         try:
-            image = _read(path)
-            small = limit_size(image, self.size) if self.size else image
-            descriptor = describe(small[None], self.spec)[0].float()
-            return Row(path, StoredDescriptor(descriptor, self.spec, (small.shape[1], small.shape[2])))
+            image = _read(path, self.size)
+            descriptor = describe(image[None], self.spec)[0].float()
+            return Row(path, StoredDescriptor(descriptor, self.spec, (image.shape[1], image.shape[2])))
         except (ValueError, OSError) as error:
             return Row(path, None, " ".join(str(error).removeprefix(f"{path}: ").split()))
 
 
-def _read(path: str) -> Tensor:
+def _read(path: str, size: int) -> Tensor:
     if "://" not in path:
-        return read_image(path)
+        return read_image(path, size)
     with fsspec.open(path, "rb") as remote, tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
         local = Path(folder, "image")
         local.write_bytes(remote.read())
         try:
-            return read_image(local)
+            return read_image(local, size)
         except ValueError as error:
             raise ValueError(str(error).removeprefix(f"{local}: ")) from None

@@ -5,11 +5,12 @@ This module loads nothing that takes time: a process whose parent is killed whil
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Protocol, TypeVar
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 
+CGROUP = Path("/sys/fs/cgroup")
 DIED = "the process at work on it died, and died again when it ran alone"
 _COPIES: dict[str, Path] = {}
 _FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
@@ -73,8 +75,21 @@ def _end_with_parent() -> None:
 
 
 def cores() -> int:
-    """The number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """The number of cores this process may use: those that it may run on, or fewer where a container has a quota."""
+    free = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return math.ceil(min(free, _quota(CGROUP)))
+
+
+def _quota(cgroup: Path) -> float:
+    """The cores' worth of time that Linux's control group allows, version 2 or 1; infinity for no limit."""
+    with suppress(OSError, ValueError, ZeroDivisionError):
+        if (cgroup / "cpu.max").exists():
+            quota, period = (cgroup / "cpu.max").read_text().split()
+        else:
+            quota, period = ((cgroup / "cpu" / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
+        cores = float(quota) / float(period)  # ValueError: "max", no limit; below 0: none in version 1
+        return cores if cores > 0 else math.inf
+    return math.inf
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..hog.box import Box
 from ..io.files import check_file
-from ..runtime.text import one_line
+from ..runtime.text import decoded, one_line
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
@@ -76,8 +76,8 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
     """The rows below the line of column names, empty ones left out.
 
     Args:
-        path: a file in UTF-8, with or without a byte order mark.  Its columns are divided by commas; or by semicolons,
-            and then numbers may have a decimal comma.
+        path: a file in UTF-8, or in UTF-16 with a byte order mark.  Its columns are divided by commas; or by semicolons
+            or tabs, and then numbers may have a decimal comma.
         required: columns that it must have; further ones may stand anywhere.
 
     Raises:
@@ -87,10 +87,9 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
     path = Path(path)
     line, data = 1, read_list(path, "a CSV file")
     try:
-        written = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig").read()
-        heads = written.partition("\n")[0]
-        semicolons = heads.count(";") > heads.count(",")
-        reader = csv.DictReader(io.StringIO(written), delimiter=";" if semicolons else ",", skipinitialspace=True)
+        written = io.StringIO(decoded(data), newline=None).read()
+        delimiter = max(",;\t", key=written.partition("\n")[0].count)  # of equals the first
+        reader = csv.DictReader(io.StringIO(written), delimiter=delimiter, skipinitialspace=True)
         reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
         missing = [name for name in required if name not in reader.fieldnames]
         if missing:
@@ -98,7 +97,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
         rows = []
         for values in reader:
             line = reader.line_num
-            rows.append(Row(f"{path}, line {line}", values, "," if semicolons else "."))
+            rows.append(Row(f"{path}, line {line}", values, "." if delimiter == "," else ","))
     except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
         raise ValueError(f"{path}, line {line}: {one_line(error)}") from None
     if not rows:

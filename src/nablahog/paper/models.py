@@ -17,6 +17,7 @@ from ..render.mesh import Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
+DEEPEST = 4  # folders below the one that is named
 CACHED = 256  # meshes: reading one takes longer than many a search
 _BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
 
@@ -27,7 +28,7 @@ class Models:
 
     Attributes:
         paths: their files.
-        ignored: names of files without the ending of a mesh, and of folders further down.
+        ignored: names of files without the ending of a mesh.
         failed: why a file could not be read, by its model's name; set by :meth:`meshes`.
     """
 
@@ -47,7 +48,7 @@ class Models:
 
 
 def read_models(folder: str | os.PathLike[str]) -> Models:
-    """Lists the models in a folder and in its subfolders, which may hold an OBJ with its materials or a category each.
+    """Lists the models in a folder and below, as in ShapeNet's ``SYNSET/MODEL/models/model_normalized.obj``.
 
     A model's name is its path in the folder without the ending, or with it where two would have the same.  Hidden files
     and folders are skipped; materials and textures are not listed as ignored.
@@ -68,12 +69,10 @@ def read_models(folder: str | os.PathLike[str]) -> Models:
     """
     folder = Path(folder)
     check_folder(folder, "CAD models")
-    above = _visible(folder)
-    below = [entry for inner in above if inner.is_dir() for entry in _visible(inner)]
-    entries = [entry for entry in above if not entry.is_dir()] + below
-    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS and not entry.is_dir())
+    entries = list(_files_below(folder, DEEPEST))
+    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS)
     if not files:
-        expected = ", ".join(ENDINGS)
+        expected = f"{', '.join(ENDINGS)}, up to {DEEPEST} folders down"
         raise ValueError(f"{folder}: expected a folder of CAD models ({expected}), but it holds none")
     whole = {path: _name(path.relative_to(folder)) for path in files}
     short = {path: _name(path.relative_to(folder).with_suffix("")) for path in files}
@@ -83,8 +82,13 @@ def read_models(folder: str | os.PathLike[str]) -> Models:
     return Models(dict(sorted(paths.items())), sorted(_name(entry.relative_to(folder)) for entry in ignored))
 
 
-def _visible(folder: Path) -> list[Path]:
-    return [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
+def _files_below(folder: Path, depth: int) -> Iterator[Path]:
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            if depth and not entry.name.startswith("."):
+                yield from _files_below(entry, depth - 1)
+        elif not entry.name.startswith("."):
+            yield entry
 
 
 def _name(path: Path) -> str:

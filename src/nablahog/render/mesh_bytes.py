@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
-from itertools import islice, pairwise
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from .ply_file import header_of
+from .polygons import triangulated
 
 MAX_BYTES = 2**30  # more than a text file of MAX_FACES has
 MAX_FACES = 5_000_000
 MAX_MATERIALS = 10_000  # in an OBJ; each becomes a mesh of its own
-MAX_PLY_HEADER = 2**20  # bytes
 MAX_PLY_ROWS = 4 * MAX_FACES  # vertices, faces and edges
 MAX_NODES = 10_000  # in a GLB
 MAX_GLB_HEADER = 2**24  # bytes; Python's objects take about thirty times as many
@@ -24,8 +28,8 @@ SPARE_BYTES = 2**26  # that a GLB may unpack to beyond its own size
 MAX_LEVELS = 20 * MAX_NODES  # the number of ancestors, summed over all nodes
 MAX_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of the matrices of all its ancestors
 
-# these change what accessors mean; without a decoder, trimesh fills in zeros or raw integers
-_ENCODED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_mesh_quantization")
+# extensions that change no geometry and hardly any brightness; others may change what numbers mean, as compression does
+_HARMLESS = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp_json_ld")
 # what the geometry and its brightness are made of; names, for instance, are not, which trimesh repeats
 _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of each of their entries (None: all keys)
     **dict.fromkeys(("asset", "scene", "accessors", "buffers", "bufferViews", "images", "textures")),
@@ -34,14 +38,9 @@ _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of 
     "meshes": ("primitives",),
 }
 _PRIMITIVE = ("attributes", "indices", "material", "mode")
-_COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_STRIP = 5  # mode of triangle strips: each index but the first two makes a triangle
-_PLY_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
-    **{"double": "f8", "float64": "f8"},
-}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of primitives; in the last two each index but two makes a triangle
 
 
 def repair(data: bytes, kind: str) -> bytes:
@@ -69,13 +68,12 @@ def as_utf8(text: bytes) -> bytes:
 
 
 def _obj(data: bytes) -> bytes:
-    """Makes all vertex indices of faces absolute: trimesh misreads relative (negative) ones."""
-    text = as_utf8(data)
+    """Rewrites the faces, of which trimesh misreads those with relative (negative) indices, and cuts all as fans."""
+    text = re.sub(rb"[ \t]*(?:\r\n?|\n)[ \t]*", b"\n", as_utf8(data).replace(b"\\\r\n", b" ").replace(b"\\\n", b" "))
+    text = text.replace(b"\t", b" ").strip() + b"\n"
     materials = len({part[: part.find(b"\n")] for part in text.split(b"usemtl ")})
     if materials > MAX_MATERIALS:
         raise ValueError(f"at most {MAX_MATERIALS:,} materials are allowed, got {materials:,}")
-    if not any(map(_needs_absolute, io.BytesIO(text))):
-        return text
     counts = {b"v": 0, b"vt": 0, b"vn": 0}
     kinds = tuple(counts)
 
@@ -91,24 +89,44 @@ def _obj(data: bytes) -> bytes:
             raise ValueError(f"a face refers to {text.decode()}, which is before the first {kind.decode()}")
         return str(number).encode()
 
-    lines = text.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    lines = text.split(b"\n")
+    polygons: dict[int, list[bytes]] = {}  # by their lines
     for number, line in enumerate(lines):
-        key, *rest = line.split() or [b""]
+        key, *rest = line.partition(b"#")[0].split() or [b""]
         if key in counts:
             counts[key] += 1
+            lines[number] = b" ".join([key, *rest])
         elif key == b"f":
-            lines[number] = b" ".join([key, *map(corner, rest)])
+            if b"-" in line or b" 0" in line:
+                rest = list(map(corner, rest))
+            lines[number] = b" ".join([key, *rest])
+            if len(rest) > 3:
+                polygons[number] = rest
+    for number, triangles in _cut(lines, polygons):
+        lines[number] = b"\n".join(triangles)
     return b"\n".join(lines)
 
 
-def _needs_absolute(line: bytes) -> bool:
-    """Whether a line may be that of a face with an index below 1."""
-    return line.lstrip().startswith(b"f") and any(sign in line for sign in (b"-", b" 0", b"\t0"))
+def _cut(lines: Sequence[bytes], polygons: Mapping[int, list[bytes]]) -> Iterator[tuple[int, list[bytes]]]:
+    """The lines of the triangles that each polygon consists of, by the number of its line."""
+    if not polygons:
+        return
+    vertices = np.array([line.split()[1:4] for line in lines if line.startswith(b"v ")]).astype(np.float64)
+    corners = list(chain.from_iterable(polygons.values()))
+    at = np.array([int(each.partition(b"/")[0]) - 1 for each in corners])
+    if at.max() >= len(vertices):
+        raise ValueError("a face refers to a vertex that it does not hold")
+    counts = np.array([len(each) for each in polygons.values()])
+    triangles, which = triangulated(vertices[at], np.arange(len(at)), counts)
+    starts = np.searchsorted(which, np.arange(len(counts) + 1))
+    for number, start, stop in zip(polygons, starts, starts[1:], strict=False):
+        yield number, [b"f " + b" ".join(corners[k] for k in each) for each in triangles[start:stop].tolist()]
 
 
 def _stl(data: bytes) -> bytes:
-    if len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
-        return data
+    length = 84 + 50 * int.from_bytes(data[80:84], "little")
+    if 84 < length <= len(data):  # of a text, these four letters promise far more
+        return data[:length]
     text = as_utf8(data)
     if text[:5].lower() != b"solid" or b"endsolid" not in text.lower():
         raise ValueError("it is neither a whole text from solid to endsolid nor binary of the length that it promises")
@@ -118,82 +136,11 @@ def _stl(data: bytes) -> bytes:
 
 
 def _ply(data: bytes) -> bytes:
-    """Triangulates polygons if they have different numbers of corners, which trimesh refuses."""
-    head, end, body = data.partition(b"end_header")
-    if len(head) > MAX_PLY_HEADER:
-        raise ValueError(f"its header has more than {MAX_PLY_HEADER:,} bytes")
-    head = as_utf8(head)
-    header = head.decode("utf-8").splitlines()
-    lines = [line.split() for line in header]
-    start = body.find(b"\n") + 1
-    if not start or body[:start].strip() or len(lines) < 2 or lines[0] != ["ply"] or lines[1][:1] != ["format"]:
-        raise ValueError("it does not begin with ply, its format and a header to end_header")
-    elements = list(_ply_elements(lines))
-    rows = sum(count for _, count, _ in elements)
+    _, elements, _ = header_of(data)
+    rows = sum(element.rows for element in elements)
     if rows > MAX_PLY_ROWS:
         raise ValueError(f"at most {MAX_PLY_ROWS:,} rows are allowed, got {rows:,}")
-    if lines[1][1] == "ascii":
-        whole = (line for line in io.BytesIO(body[start:]) if not line.isspace())
-        return b"".join([head, end, b"\n", *islice(whole, rows)])
-    lists = sum("list" in line[:2] for line in lines)
-    if not lists or b"texcoord" in head:
-        return head + end + body
-    order = "<" if "little" in lines[1][1] else ">"
-    body = body[start:]
-    start = 0
-    for name, count, properties in elements:
-        if name != "face":
-            start += count * np.dtype([(field[-1], order + _PLY_TYPES[field[1]]) for field in properties]).itemsize
-            continue
-        if _uniform(body, start, count, properties, order):
-            break
-        polygons = _polygons(body, start, count, properties, order)
-        fans = [[first, b, c] for first, *others in polygons for b, c in pairwise(others)]
-        triangles = np.empty(len(fans), dtype=[("corners", "u1"), ("vertex_indices", order + "i4", (3,))])
-        triangles["corners"], triangles["vertex_indices"] = 3, fans
-        before = header[: next(number for number, line in enumerate(lines) if line[:2] == ["element", "face"])]
-        element = [f"element face {len(fans)}", "property list uchar int vertex_indices", "end_header", ""]
-        return "\n".join([*before, *element]).encode() + body[:start] + triangles.tobytes()
-    return head + end + b"\n" + body
-
-
-def _ply_elements(lines: Sequence[list[str]]) -> Iterator[tuple[str, int, list[list[str]]]]:
-    """Each element's name, its number of rows, and its properties' lines up to the next element."""
-    starts = [number for number, line in enumerate(lines) if line[:1] == ["element"]]
-    for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
-        count = int(lines[start][2])
-        if count < 0:
-            raise ValueError(f"it promises {count:,} rows of an element")
-        yield lines[start][1], count, [line for line in lines[start:end] if line[:1] == ["property"]]
-
-
-def _uniform(body: bytes, at: int, count: int, properties: Sequence[list[str]], order: str) -> bool:
-    """Whether all faces have as many corners as the first."""
-    corners = len(next(_polygons(body, at, min(count, 1), properties, order), ()))
-    fields = []
-    for _, *types, name in properties:
-        if types[0] == "list":
-            fields += [("corners", order + _PLY_TYPES[types[1]]), (name, order + _PLY_TYPES[types[2]], (corners,))]
-        else:
-            fields += [(name, order + _PLY_TYPES[types[0]])]
-    if at + count * np.dtype(fields).itemsize > len(body):
-        return False
-    return bool((np.frombuffer(body, np.dtype(fields), count, at)["corners"] == corners).all())
-
-
-def _polygons(body: bytes, at: int, count: int, properties: Sequence[list[str]], order: str) -> Iterator[list[int]]:
-    """The faces' vertices: the elements of the only list among the properties."""
-    for _ in range(count):
-        polygon: list[int] = []
-        for _, *types, _ in properties:
-            first = np.dtype(order + _PLY_TYPES[types[1] if types[0] == "list" else types[0]])
-            if types[0] == "list":
-                items = np.dtype(order + _PLY_TYPES[types[2]])
-                corners = int(np.frombuffer(body, first, 1, at)[0])
-                polygon = np.frombuffer(body, items, corners, at + first.itemsize).tolist()
-                at += corners * items.itemsize
-            at += first.itemsize
-        yield polygon
+    return data
 
 
 def _glb(data: bytes) -> bytes:
@@ -205,7 +152,7 @@ def _glb(data: bytes) -> bytes:
         raise ValueError(f"its JSON has more than {MAX_GLB_HEADER:,} bytes")
     header = json.loads(data[20:end])
     for name in header.get("extensionsRequired", ()):
-        if name in _ENCODED:
+        if not str(name).startswith(_HARMLESS):
             raise ValueError(f"it needs the extension {name}, which is not supported")
     for uri in (buffer.get("uri", "data:") for buffer in header.get("buffers", ())):
         if not uri.startswith("data:"):
@@ -218,9 +165,59 @@ def _glb(data: bytes) -> bytes:
         mesh["primitives"] = _only(mesh["primitives"], _PRIMITIVE)
     if "materials" in header:
         plain["materials"] = [_plain_material(material) for material in header["materials"]]
-    text, rest = json.dumps(plain).encode(), data[end:]
+    rest = _plain_chunk(plain, data[end:])
+    text = json.dumps(plain).encode()
     lengths = [number.to_bytes(4, "little") for number in (20 + len(text) + len(rest), len(text))]
     return b"".join([data[:8], *lengths, data[16:20], text, rest])
+
+
+def _plain_chunk(header: dict[str, Any], chunk: bytes) -> bytes:
+    """The binary chunk with what trimesh does not read written out: sparse accessors, fans.  Changes the header."""
+    accessors, views = header.get("accessors", []), header.get("bufferViews", [])
+    added: list[bytes] = []
+    end = len(chunk) - 8 + -len(chunk) % 4
+
+    def view_of(numbers: NDArray[Any]) -> int:
+        nonlocal end
+        added.append(numbers.tobytes() + b"\0" * (-numbers.nbytes % 4))
+        views.append({"buffer": 0, "byteOffset": end, "byteLength": numbers.nbytes})
+        end += len(added[-1])
+        return len(views) - 1
+
+    for accessor in [each for each in accessors if "sparse" in each]:
+        sparse = accessor.pop("sparse")
+        dense = _numbers(header, chunk, accessor, accessor)
+        at = _numbers(header, chunk, {"count": sparse["count"], "type": "SCALAR"}, sparse["indices"])
+        dense[at[:, 0]] = _numbers(header, chunk, {**accessor, "count": sparse["count"]}, sparse["values"])
+        accessor |= {"bufferView": view_of(dense), "byteOffset": 0}
+    for fan in [each for mesh in header.get("meshes", ()) for each in mesh["primitives"] if each.get("mode") == _FAN]:
+        corners = np.arange(accessors[fan["attributes"]["POSITION"]]["count"])
+        if "indices" in fan:
+            accessor = accessors[fan["indices"]]
+            corners = _numbers(header, chunk, accessor, accessor)[:, 0]
+        parts = np.broadcast_arrays(corners[:1], corners[1:-1], corners[2:])
+        triangles = np.stack(parts, axis=1).astype("<u4")
+        fan |= {"mode": _TRIANGLES, "indices": len(accessors)}
+        new = {"bufferView": view_of(triangles), "componentType": 5125, "type": "SCALAR", "count": triangles.size}
+        accessors.append(new)
+    if not added:
+        return chunk
+    header["buffers"][0]["byteLength"] = end
+    return b"".join([end.to_bytes(4, "little"), chunk[4:], b"\0" * (-len(chunk) % 4), *added])
+
+
+def _numbers(header: dict[str, Any], chunk: bytes, shape: dict[str, Any], place: dict[str, Any]) -> NDArray[Any]:
+    """A copy of numbers (count, components) in the binary chunk; zeros where ``place`` names no view of it."""
+    kind = np.dtype(_COMPONENT_TYPES[{**shape, **place}["componentType"]])
+    count, width = _count(shape, "count"), _COMPONENTS[shape["type"]]
+    if "bufferView" not in place:
+        return np.zeros((count, width), kind)
+    view = header["bufferViews"][place["bufferView"]]
+    if view.get("buffer", 0) != 0 or "uri" in header["buffers"][0]:
+        raise ValueError("its sparse accessors or triangle fans are not in its binary chunk")
+    start = 8 + view.get("byteOffset", 0) + place.get("byteOffset", 0)
+    strides = view.get("byteStride", width * kind.itemsize), kind.itemsize
+    return np.array(np.ndarray((count, width), kind, chunk, start, strides))
 
 
 def _only(entries: Any, keys: Collection[str]) -> Any:
@@ -239,7 +236,7 @@ def _check_sizes(header: dict[str, Any], size: int) -> None:
     nodes, accessors = header.get("nodes", ()), header.get("accessors", ())
     views = sum(_count(view, "byteLength") for view in header.get("bufferViews", ()))
     unpacked = sum(
-        _count(accessor, "count") * _COMPONENT_BYTES[accessor["componentType"]] * _COMPONENTS[accessor["type"]]
+        _count(accessor, "count") * int(_COMPONENT_TYPES[accessor["componentType"]][-1]) * _COMPONENTS[accessor["type"]]
         for accessor in accessors
     )
     meshes = [_size_of_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
@@ -269,7 +266,7 @@ def _size_of_mesh(mesh: dict[str, Any], accessors: Sequence[dict[str, Any]]) -> 
         count: int = accessors[primitive["attributes"]["POSITION"]]["count"]
         corners: int = accessors[primitive["indices"]]["count"] if "indices" in primitive else count
         vertices += count
-        faces += corners if primitive.get("mode") == _STRIP else corners // 3
+        faces += corners if primitive.get("mode") in (_STRIP, _FAN) else corners // 3
     return len(mesh["primitives"]), vertices, faces
 
 

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 import warnings
 from collections.abc import Iterator
-from itertools import pairwise
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from ..io.files import check_file
+from ..io.pixels import levels
 from ..runtime.text import one_line
-from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8, repair
+from .mesh_bytes import MAX_BYTES, MAX_FACES, MAX_PLY_ROWS, as_utf8, repair
+from .off_file import read_off
+from .ply_file import has_texture, read_ply
+from .polygons import BRIGHTNESS, Floats, Soup, gray_of
 
 if TYPE_CHECKING:  # slow to import
     import trimesh
 
-Floats = NDArray[np.float64]
-
-BRIGHTNESS = 0.8
-"""The brightness of a mesh without colours."""
 MAX_BYTES_BESIDE = 2**29  # of all files that an OBJ or a PLY names; further ones are ignored
 LONGEST_NAME = 1000  # characters of the name of such a file
 MAX_TEXELS = 2**28  # of all textures of a file: more take too long to decode
@@ -32,18 +33,11 @@ TEXTURE = 64  # side that textures are shrunk to, in texels: vertices are farthe
 
 _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": "GLB"}
 ENDINGS = tuple(_FORMATS)
-_GRAY = (0.299, 0.587, 0.114)
+# of MTL's maps: a name, and then numbers, switches or a channel
+_OPTIONS = re.compile(r"^\s*(?:-[a-z]+(?:\s+(?:[-+.\d]+(?:e[-+]?\d+)?|on|off|[rgbmlz]))+\s+)*", re.IGNORECASE)
 _SHRUNK = (0, 0)  # the key of a texture's small version; no file can have it
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # trimesh's remarks would go to the terminal
-
-
-class Soup(NamedTuple):
-    """Triangles, unchecked: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1."""
-
-    vertices: Floats
-    faces: NDArray[np.int64]
-    brightness: Floats
 
 
 def read_soup(path: Path) -> Soup:
@@ -72,18 +66,22 @@ def read_soup(path: Path) -> Soup:
 
 def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     """The instances of the file's geometries."""
+    data = path.read_bytes()
+    if kind == "OFF" or (kind == "PLY" and not has_texture(data)):
+        soup = read_off(as_utf8(data).decode()) if kind == "OFF" else read_ply(data, MAX_PLY_ROWS)
+        _check_faces(len(soup.faces))
+        yield soup
+        return
     import trimesh
 
-    data = path.read_bytes()
-    data, colours = _off(data) if kind == "OFF" else (repair(data, kind), None)
+    data = repair(data, kind)
     resolver = _beside(path) if kind in ("OBJ", "PLY") else None
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
     places = [scene.graph[node] for node in scene.graph.nodes_geometry]
     placed = [(matrix, scene.geometry[name]) for matrix, name in places]
     placed = [(matrix, geometry) for matrix, geometry in placed if isinstance(geometry, trimesh.Trimesh)]
     faces = sum(len(geometry.faces) for _, geometry in placed)
-    if faces > MAX_FACES:
-        raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {faces:,}")
+    _check_faces(faces)
     textures = {id(texture): texture for _, geometry in placed if (texture := _texture(geometry)) is not None}
     texels = sum(texture.width * texture.height for texture in textures.values())
     if texels > MAX_TEXELS:
@@ -97,7 +95,7 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
             raise ValueError("its vertices do not have three coordinates each")
         vertices = trimesh.transform_points(vertices, matrix)
         if id(geometry) not in brightness:
-            brightness[id(geometry)] = _brightness(geometry) if colours is None else _gray(colours)
+            brightness[id(geometry)] = _brightness(geometry)
         yield Soup(vertices, np.asarray(geometry.faces, dtype=np.int64), brightness[id(geometry)])
 
 
@@ -109,8 +107,6 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
         left = MAX_BYTES_BESIDE
 
         def absolute(self, name: str) -> Path:
-            if len(name) > LONGEST_NAME:  # each of its folders is looked up
-                raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
             named: Path = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
@@ -121,20 +117,44 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
             return named
 
         def get(self, name: str) -> bytes:
-            data: bytes = super().get(name)
+            if len(name) > LONGEST_NAME:  # each of its folders is looked up
+                raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
+            data: bytes = super().get(_found(path.parent, name))
             return as_utf8(data) if name.lower().endswith(".mtl") else data
 
     return Beside(str(path))
+
+
+def _found(folder: Path, name: str) -> str:
+    """The file in ``folder``, or below, that a material names: as it is, or as other systems and programs write it.
+
+    That is with options before it, in quotes, with backslashes, in other cases, or in a folder of another machine.
+    """
+    plain = _OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
+    for each in (name, plain):
+        with suppress(OSError, ValueError):  # a name too long, or with a null byte
+            if (folder / each).is_file():
+                return each
+    last = plain.rpartition("/")[2]
+    return {entry.name.lower(): entry.name for entry in folder.iterdir()}.get(last.lower(), plain)
+
+
+def _check_faces(count: int) -> None:
+    if count > MAX_FACES:
+        raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {count:,}")
 
 
 def _joined(pieces: list[Soup]) -> Soup:
     if not any(len(piece.faces) for piece in pieces):
         raise ValueError("it holds no faces")
     for piece in pieces:
-        if not np.isfinite(piece.vertices).all():
-            raise ValueError("it holds coordinates that are not finite")
         if len(piece.faces) and not (piece.faces.min() >= 0 and piece.faces.max() < len(piece.vertices)):
             raise ValueError("a face refers to a vertex that it does not hold")
+        unused = np.ones(len(piece.vertices), dtype=bool)
+        unused[piece.faces] = False
+        piece.vertices[unused] = 0  # of depth cameras they are NaN
+        if not np.isfinite(piece.vertices).all():
+            raise ValueError("it holds coordinates that are not finite")
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     return Soup(
         np.concatenate([piece.vertices for piece in pieces]),
@@ -147,34 +167,47 @@ def _brightness(geometry: trimesh.Trimesh) -> Floats:
     visual: Any = geometry.visual  # ColorVisuals or TextureVisuals, which share no interface
     count = len(geometry.vertices)
     if visual.kind == "texture":
-        brightness = _material(visual.material, _texture(geometry), visual.uv, count)
-        colours = visual.vertex_attributes.get("color", ())  # GLB's, which multiply
-        return brightness * _gray(np.asarray(colours)) if len(colours) == count else brightness
+        attributes = {**geometry.vertex_attributes, **visual.vertex_attributes}
+        colours = np.asarray(attributes.get("color", ()))
+        return _material(
+            visual.material, _texture(geometry), visual.uv, colours if len(colours) == count else None, count
+        )
     if visual.kind in ("vertex", "face"):
-        return _gray(np.asarray(visual.vertex_colors))
+        return gray_of(np.asarray(visual.vertex_colors))
     return np.full(count, BRIGHTNESS)
 
 
 def _texture(geometry: trimesh.Trimesh) -> Image.Image | None:
-    """The texture of its colour, if it has one."""
+    """The texture of its colour, if its file has one; trimesh makes one up where there is none."""
     material = getattr(geometry.visual, "material", None)
     names = ("baseColorTexture", "image")  # of GLB, and of MTL and PLY
     texture: Image.Image | None = next((getattr(material, name) for name in names if hasattr(material, name)), None)
-    return texture
+    return None if texture is None or texture.format is None else texture
 
 
-def _material(material: Any, texture: Image.Image | None, uv: Floats | None, count: int) -> Floats:
-    """MTL's texture replaces the material's colour, which many files leave black; GLB's texture multiplies it."""
+def _material(
+    material: Any, texture: Image.Image | None, uv: Floats | None, colours: NDArray[Any] | None, count: int
+) -> Floats:
+    """The brightness of ``count`` vertices.
+
+    MTL's texture replaces the colours of vertices, and these that of the material, which many files leave black.  In
+    GLB all three are multiplied.
+    """
     import trimesh
 
-    if isinstance(material, trimesh.visual.material.PBRMaterial):
-        multiplied = factor = material.baseColorFactor
-    else:
-        factor, multiplied = (material.diffuse if "kd" in material.kwargs else None), None
     sampled = None if texture is None or uv is None or len(uv) != count else _sampled(texture, uv)
-    if sampled is not None:
-        return sampled if multiplied is None else sampled * _gray(np.asarray(multiplied)[None])
-    return np.full(count, BRIGHTNESS if factor is None else _gray(np.asarray(factor)[None])[0])
+    of_vertices = None if colours is None else gray_of(colours)
+    if isinstance(material, trimesh.visual.material.PBRMaterial):
+        factor = material.baseColorFactor
+        parts = [each for each in (sampled, of_vertices) if each is not None]
+        if factor is not None or not parts:
+            parts.append(np.full(count, BRIGHTNESS if factor is None else gray_of(np.asarray(factor)[None])[0]))
+        product: Floats = np.prod(parts, axis=0)
+        return product
+    if sampled is not None or of_vertices is not None:
+        return sampled if sampled is not None else of_vertices  # type: ignore[return-value]
+    diffuse = material.diffuse if "kd" in material.kwargs else None
+    return np.full(count, BRIGHTNESS if diffuse is None else gray_of(np.asarray(diffuse)[None])[0])
 
 
 def _sampled(texture: Image.Image, uv: Floats) -> Floats | None:
@@ -191,52 +224,17 @@ def _shrunk(texture: Image.Image) -> Floats | None:
     """A small version of a texture, in gray; None of one that is damaged.  The texture itself is let go."""
     if _SHRUNK not in texture.info:  # materials share textures
         try:
-            small = texture.convert("RGB")
+            if texture.mode in ("I", "F") or texture.mode.startswith("I;16"):  # which convert() would clip
+                texture = Image.fromarray(np.concatenate(list(levels(texture)))[..., 0])
+            small = texture if texture.mode == "F" else texture.convert("RGB")
             small.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
-            texture.info[_SHRUNK] = _gray(np.asarray(small))
+            gray = np.asarray(small)
+            texture.info[_SHRUNK] = gray_of(gray if gray.ndim == 3 else gray[..., None].repeat(3, axis=2))
         except Exception:  # a damaged texture is ignored
             texture.info[_SHRUNK] = None
         texture.close()
     shrunk: Floats | None = texture.info[_SHRUNK]
     return shrunk
-
-
-def _gray(colours: NDArray[Any]) -> Floats:
-    """Gray in 0…1 of colours (..., at least 3): integers up to their type's largest, or floats in 0…1."""
-    scale = np.iinfo(colours.dtype).max if colours.dtype.kind in "iu" else 1
-    gray: Floats = (colours[..., :3].astype(np.float64) / scale) @ np.array(_GRAY)
-    return np.nan_to_num(gray).clip(0, 1)
-
-
-def _off(data: bytes) -> tuple[bytes, Floats | NDArray[np.uint8] | None]:
-    """An OFF file whose polygons have at most four corners, as trimesh needs, and its vertices' colours, if any.
-
-    Colours, which trimesh ignores, are in 0…1 or 0…255.
-    """
-    all_lines = (line.partition("#")[0].strip() for line in io.StringIO(as_utf8(data).decode(), newline=None))
-    lines = [line for line in all_lines if line]
-    keyword, *numbers = lines[0].split(maxsplit=1) if lines else [""]
-    counts, *body = [*numbers, *lines[1:]] or [""]
-    if keyword not in ("OFF", "COFF") or len(counts.split()) < 2:
-        raise ValueError("it does not begin with OFF or COFF and the numbers of vertices and faces")
-    vertices, faces = (int(count) for count in counts.split()[:2])
-    if vertices < 0 or faces < 0 or len(body) < vertices + faces:
-        promised = f"{vertices:,} vertices and {faces:,} faces"
-        raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(body):,} lines of them")
-    last = body[vertices + faces - 1].split() if faces else ["0"]
-    if len(last) <= int(last[0]):
-        raise ValueError(f"its last face should have {last[0]} corners, and has {len(last) - 1}")
-    lines = body[: vertices + faces]
-    if any(int(line.split(maxsplit=1)[0]) > 4 for line in lines[vertices:]):
-        corners = [(int(count), others) for count, *others in map(str.split, lines[vertices:])]
-        # as numbers: a long text would be repeated for each triangle
-        polygons = [[np.int64(corner) for corner in others[:count]] for count, others in corners if count >= 3]
-        lines[vertices:] = [f"3 {first} {b} {c}" for first, *others in polygons for b, c in pairwise(others)]
-    repaired = "\n".join(["OFF", f"{vertices} {len(lines) - vertices} 0", *lines, ""]).encode()
-    if keyword == "OFF":
-        return repaired, None
-    colours = np.array([line.split()[3:6] for line in lines[:vertices]], dtype=np.float64)
-    return repaired, colours if colours.max(initial=0) <= 1 else colours.clip(0, 255).astype(np.uint8)
 
 
 def _check_ply(geometry: trimesh.Trimesh) -> None:

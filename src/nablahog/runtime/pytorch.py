@@ -7,15 +7,16 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from functools import cache, lru_cache
+from contextlib import ExitStack, contextmanager
+from functools import cache, lru_cache, wraps
 from itertools import pairwise
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 
 import torch
 from torch.autograd import forward_ad
 
 Result = TypeVar("Result")
+Parameters = ParamSpec("Parameters")
 
 
 def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
@@ -102,3 +103,27 @@ def load_forward_mode() -> None:
         warnings.simplefilter("ignore")
         with forward_ad.dual_level():
             forward_ad.make_dual(torch.zeros(1), torch.ones(1))  # type: ignore[no-untyped-call]
+
+
+def in_plain_mode(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """A function that needs gradients and its own precision, whatever its caller has set.
+
+    Meanwhile inference mode and autocast are off, and the default device is the CPU.  Tensors that were made in
+    inference mode, which cannot be part of a graph, are copied.
+    """
+
+    def plain(value: object) -> object:
+        return value.clone() if isinstance(value, torch.Tensor) and value.is_inference() else value
+
+    @wraps(function)
+    def called(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+        with ExitStack() as modes:
+            modes.enter_context(torch.inference_mode(False))
+            for device in ("cpu", "cuda"):
+                if torch.is_autocast_enabled(device):
+                    modes.enter_context(torch.autocast(device, enabled=False))
+            if torch.get_default_device().type != "cpu":
+                modes.enter_context(torch.device("cpu"))
+            return function(*map(plain, args), **{name: plain(value) for name, value in kwargs.items()})  # type: ignore[arg-type]
+
+    return called

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
+import codecs
+
 MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
+
+
+def decoded(data: bytes) -> str:
+    """The text of a file in UTF-8, or in UTF-16 with a byte order mark, as editors of Windows write it.
+
+    Raises:
+        UnicodeDecodeError: it is neither.
+    """
+    return data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
 
 
 def printable(text: str) -> str:

@@ -23,7 +23,8 @@ from ...hog.gradient import gray
 from ...io.arrays import is_archive, is_raw, naming
 from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.files import distinct_stems
-from ...io.images import MAX_BYTES, image_endings, limit_size, read_image
+from ...io.images import image_endings, limit_size, read_image
+from ...io.arrays import MAX_BYTES
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import Skipping, UserError, as_user_error

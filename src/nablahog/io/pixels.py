@@ -1,0 +1,129 @@
+"""The pixels of image files as floats in 0…1, a strip of rows at a time: the whole is never copied as floats."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, SAMPLEFORMAT
+
+MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
+STRIP = 256  # rows that are converted at once
+
+_GRAY_MODES = ("1", "L", "LA", "La")
+_WHITE_IS_ZERO = 0  # as TIFF's tag has it
+_OVERSHOOT = 0.1  # of filters, that is clipped, as a part of the largest level
+_BRIGHTEST_OF_255 = 16.0  # at least; a smaller highest level would be a black image, or one of high dynamic range
+_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+
+
+@cache
+def register_heif() -> None:
+    """Lets Pillow read HEIC and AVIF as pillow-heif does, where it is installed."""
+    with suppress(ImportError):
+        import pillow_heif
+
+        pillow_heif.register_heif_opener()
+
+
+def decoded(path: Path) -> Image.Image:
+    """The image in a file, upright; raises whatever Pillow does if it is damaged."""
+    register_heif()
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+    # from memory: some decoders allocate as many bytes as a damaged file promises
+    data = path.read_bytes()
+    try:
+        return _opened(data)
+    except OSError:
+        # what follows the pixels of a JPEG file changes none of them, unless some are missing
+        if not data.startswith(_JPEG):
+            raise
+        data = data.removesuffix(b"\xff")
+        image, same = (_opened(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
+        if "progressive" in image.info or image.tobytes() != same.tobytes():
+            raise
+        return image
+
+
+def _opened(data: bytes) -> Image.Image:
+    image: Image.Image
+    with Image.open(io.BytesIO(data)) as image:
+        if image.format == "EPS":
+            raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
+        image.load()
+        with suppress(Exception):  # damaged EXIF data says nothing about the pixels
+            ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
+    return image
+
+
+def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
+    """Strips (rows, W, C) of at most :data:`STRIP` rows, in 0…1, from the top; C is 1 for gray images, or 3.
+
+    Raises:
+        ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
+    """
+    if image.mode not in ("I", "F") and not image.mode.startswith("I;16"):  # which a 16-bit PNG is, depends on Pillow
+        yield from map(_of_8_bits, _strips(image))
+        return
+    tags: dict[int, Any] = getattr(image, "tag_v2", {})
+    # Pillow reads unsigned numbers of 32 bits as signed ones
+    unsigned = tags.get(BITSPERSAMPLE) == (32,) and tags.get(SAMPLEFORMAT, (1,)) == (1,)
+    kind = np.uint32 if image.mode == "I" and unsigned else None
+    # of each strip alone, as its numbers are copied
+    bounds = [(float(numbers.min()), float(numbers.max())) for numbers in _numbers(image, kind)]
+    lowest, highest = min(low for low, _ in bounds), max(high for _, high in bounds)
+    if any(math.isnan(high) for _, high in bounds):
+        raise ValueError("expected levels in 0…1 or 0…255, got NaN")
+    largest = _largest_of_floats(lowest, highest) if image.mode == "F" else 65535
+    if image.mode != "F" and not 0 <= lowest <= highest <= largest:
+        raise ValueError(f"expected levels in 0…{largest}, got {lowest:.0f} … {highest:.0f}")
+    for numbers in _numbers(image, kind):
+        scaled = numbers.clip(0, largest).astype(np.float32)[..., np.newaxis]
+        scaled /= np.float32(largest)
+        # Pillow itself inverts levels of 8 bits
+        yield 1 - scaled if tags.get(PHOTOMETRIC_INTERPRETATION) == _WHITE_IS_ZERO else scaled
+
+
+def _largest_of_floats(lowest: float, highest: float) -> int:
+    """The level of white, 1 or 255, of floats from the lowest to the highest."""
+    for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
+        if highest >= least and -_OVERSHOOT * largest <= lowest and highest <= (1 + _OVERSHOOT) * largest:
+            return largest
+    raise ValueError(f"expected levels in 0…1 or 0…255, got {lowest:g} … {highest:g}")
+
+
+def _strips(image: Image.Image) -> Iterator[Image.Image]:
+    for y in range(0, image.height, STRIP):
+        yield image.crop((0, y, image.width, min(y + STRIP, image.height)))
+
+
+def _numbers(image: Image.Image, kind: type[np.generic] | None) -> Iterator[NDArray[Any]]:
+    for strip in _strips(image):
+        yield np.asarray(strip) if kind is None else np.asarray(strip).view(kind)
+
+
+def _of_8_bits(image: Image.Image) -> NDArray[np.float32]:
+    """(rows, W, C) of an image of 1 or 8 bits a channel."""
+    gray = image.mode in _GRAY_MODES
+    if image.has_transparency_data:
+        rgba = _scaled(image.convert("LA" if image.mode == "La" else "RGBA"))
+        alpha = rgba[..., -1:]
+        over_white = rgba[..., :-1] * alpha + (1 - alpha)
+        return over_white[..., :1] if gray else over_white
+    scaled = _scaled(image.convert("L" if gray else "RGB"))
+    return scaled[..., np.newaxis] if gray else scaled
+
+
+def _scaled(image: Image.Image) -> NDArray[np.float32]:
+    scaled = np.asarray(image).astype(np.float32)
+    scaled /= np.float32(255)
+    return scaled

@@ -1,0 +1,72 @@
+"""OFF files, as Geomview defines them and as other programs write them."""
+
+from __future__ import annotations
+
+import re
+from itertools import chain
+
+import numpy as np
+
+from .polygons import BRIGHTNESS, Floats, Soup, gray_of, soup_of
+
+# letters before the keyword: texture coordinates, colours, normals, and two that are not read
+_KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b", re.ASCII)
+_GLUED = re.compile(r"((?:ST)?C?N?4?n?OFF)(?=[\d-])", re.ASCII)  # ModelNet's OFF8 6 0
+
+
+def read_off(text: str) -> Soup:
+    """The triangles of an OFF file, with the colours of its vertices (COFF) or behind its faces.
+
+    Numbers of colours are in 0…1, or integers in 0…255.  Remarks (#), empty lines and a byte order mark are skipped;
+    the counts may stand anywhere between the keyword and the first vertex.
+
+    Raises:
+        ValueError: it does not begin with a keyword, is of another dimension or binary, or numbers are missing.
+    """
+    lines = [line for line in (line.partition("#")[0].strip() for line in text.lstrip("\ufeff").splitlines()) if line]
+    head = _GLUED.sub(r"\1 ", lines[0]) if lines else ""
+    keyword = _KEYWORD.match(head)
+    if keyword is None:
+        raise ValueError("it does not begin with OFF, or COFF and the like")
+    if keyword[4] or keyword[5] or "BINARY" in head:
+        raise ValueError(f"it begins with {head[:40]!r}, and only text with three coordinates a vertex is read")
+    (vertex_count, face_count), lines = _counts([head[keyword.end() :], *lines[1:]])
+    if min(vertex_count, face_count) < 0 or len(lines) < vertex_count + face_count:
+        promised = f"{vertex_count:,} vertices and {face_count:,} faces"
+        raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(lines):,} lines of them")
+    first = 3 + (3 if keyword[3] else 0)  # of the colours, behind place and normal
+    rows = [line.split() for line in lines[:vertex_count]]
+    vertices = np.array([row[:3] for row in rows], dtype=np.float64).reshape(-1, 3)
+    of_vertices = _brightness([row[first : first + 3] for row in rows]) if keyword[2] else None
+    corners, colours = [], []
+    for line in lines[vertex_count : vertex_count + face_count]:
+        count, *numbers = line.split()
+        if len(numbers) < int(count):
+            raise ValueError(f"a face should have {count} corners, and has {len(numbers)}")
+        corners.append(list(map(int, numbers[: int(count)])))
+        colours.append(numbers[int(count) : int(count) + 3])
+    of_faces = None
+    coloured = [number for number, each in enumerate(colours) if len(each) == 3]  # others have one of a table, or none
+    if coloured and of_vertices is None:
+        of_faces = np.full(face_count, BRIGHTNESS)
+        of_faces[coloured] = _brightness([colours[number] for number in coloured])
+    all_corners = np.array(list(chain.from_iterable(corners)), dtype=np.int64)
+    counts = np.array([len(each) for each in corners], dtype=np.int64)
+    return soup_of(vertices, all_corners, counts, of_vertices=of_vertices, of_faces=of_faces)
+
+
+def _counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
+    """The numbers of vertices and of faces, and the lines behind these and the number of edges."""
+    numbers: list[int] = []
+    for done, line in enumerate(lines):
+        numbers += map(int, line.split())
+        if len(numbers) >= 2:
+            # the number of edges, which may be left out, is on the same line or alone on the next one
+            alone = len(numbers) == 2 and done and [len(each.split()) for each in lines[done - 1 : done + 2]] == [1] * 3
+            return (numbers[0], numbers[1]), lines[done + (2 if alone else 1) :]
+    raise ValueError("the numbers of vertices and faces are missing")
+
+
+def _brightness(colours: list[list[str]]) -> Floats:
+    numbers = np.array(colours, dtype=np.float64).reshape(-1, 3)
+    return gray_of(numbers if numbers.max(initial=0) <= 1 else numbers.clip(0, 255).astype(np.uint8))

@@ -1,0 +1,118 @@
+"""Polygons of a mesh file as triangles: fans where they are convex, ears (Meisters 1975) where they are not."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+BRIGHTNESS = 0.8
+"""The brightness of a mesh without colours."""
+GRAY = (0.299, 0.587, 0.114)  # of R, G and B
+MOST_CORNERS = 1000  # of a polygon that is not convex; its triangles take their square in time
+
+
+class Soup(NamedTuple):
+    """Triangles, unchecked: vertices (V, 3) float64, faces (F, 3) int64, brightness (V,) float64 in 0…1."""
+
+    vertices: Floats
+    faces: Integers
+    brightness: Floats
+
+
+def gray_of(colours: NDArray[Any]) -> Floats:
+    """Gray in 0…1 of colours (..., at least 3): integers up to their type's largest, or floats in 0…1."""
+    scale = np.iinfo(colours.dtype).max if colours.dtype.kind in "iu" else 1
+    gray: Floats = (colours[..., :3].astype(np.float64) / scale) @ np.array(GRAY)
+    return np.nan_to_num(gray).clip(0, 1)
+
+
+def soup_of(
+    vertices: Floats, corners: Integers, counts: Integers, *, of_vertices: Floats | None, of_faces: Floats | None
+) -> Soup:
+    """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of faces (P,), if known."""
+    faces, polygons = triangulated(vertices, corners, counts)
+    if of_faces is None:
+        return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
+    # a vertex for each corner, since neighbours may differ
+    return Soup(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), of_faces[polygons].repeat(3))
+
+
+def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple[Integers, Integers]:
+    """The triangles of polygons, in their order, with their orientation.
+
+    Args:
+        vertices: (V, 3).
+        corners: indices of vertices, those of all polygons one after the other.
+        counts: (P,), the number of corners of each polygon; one of fewer than 3 has no triangles.
+
+    Returns:
+        Triangles (F, 3), and which polygon each is of, (F,).
+
+    Raises:
+        ValueError: a corner is no vertex, or a polygon that is not convex has more than :data:`MOST_CORNERS` corners.
+    """
+    if corners.size and not (corners.min() >= 0 and corners.max() < len(vertices)):
+        raise ValueError("a face refers to a vertex that it does not hold")
+    starts = counts.cumsum() - counts
+    triangles, polygons = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    for count in np.unique(counts[counts >= 3]).tolist():
+        members = np.flatnonzero(counts == count)
+        of_each = corners[starts[members, None] + np.arange(count)]  # (M, count)
+        fans = np.stack([of_each[:, [0, k, k + 1]] for k in range(1, count - 1)], 1)  # (M, count - 2, 3)
+        if count > 3:
+            for number in np.flatnonzero(~_convex(vertices[of_each])).tolist():
+                fans[number] = of_each[number][_ears(vertices[of_each[number]])]
+        triangles.append(fans.reshape(-1, 3))
+        polygons.append(members.repeat(count - 2))
+    polygon = np.concatenate(polygons)
+    order = polygon.argsort(kind="stable")
+    return np.concatenate(triangles)[order], polygon[order]
+
+
+def _turns(points: Floats) -> Floats:
+    """Twice the signed areas of the triangles at the corners of polygons (..., n, 3), seen along their mean normals."""
+    before, after = points - np.roll(points, 1, -2), np.roll(points, -1, -2) - points
+    normals = np.cross(points, np.roll(points, -1, -2)).sum(-2, keepdims=True)  # Newell's
+    turns: Floats = (np.cross(before, after) * normals).sum(-1)
+    return turns
+
+
+def _convex(points: Floats) -> NDArray[np.bool_]:
+    """Which polygons (M, n, 3) have no corner that turns the other way."""
+    turns = _turns(points - points.mean(-2, keepdims=True))
+    convex: NDArray[np.bool_] = (turns >= -1e-9 * np.abs(turns).max(-1, keepdims=True)).all(-1)
+    return convex
+
+
+def _ears(points: Floats) -> Integers:
+    """Triangles (n - 2, 3) of one polygon (n, 3): again and again a corner is cut off whose triangle holds no other."""
+    if len(points) > MOST_CORNERS:
+        raise ValueError(f"a face that is not convex has at most {MOST_CORNERS:,} corners, got {len(points):,}")
+    centred = points - points.mean(0)
+    normal = np.cross(centred, np.roll(centred, -1, 0)).sum(0)
+    axis = int(np.abs(normal).argmax())  # projected along it, the polygon keeps its shape best
+    flat = np.delete(centred, axis, 1) * [1, 1 if (normal[axis] > 0) == (axis != 1) else -1]
+    left, triangles = list(range(len(points))), []
+    while len(left) > 3:
+        ear = next((k for k in range(len(left)) if _is_ear(flat[left], k)), 0)  # of a polygon that cuts itself, any
+        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
+        del left[ear]
+    return np.array([*triangles, left])
+
+
+def _is_ear(flat: Floats, at: int) -> bool:
+    """Whether the corner ``at`` of a polygon (n, 2) turns left, and its triangle holds none of the others."""
+    n = len(flat)
+    ear = flat[[at - 1, at, (at + 1) % n]]
+    sides = np.roll(ear, -1, 0) - ear
+    if sides[0, 0] * sides[1, 1] <= sides[0, 1] * sides[1, 0]:
+        return False
+    others = np.delete(flat, [(at - 1) % n, at, (at + 1) % n], 0)[:, None] - ear  # (n - 3, 3, 2)
+    inside = (sides[:, 0] * others[..., 1] >= sides[:, 1] * others[..., 0]).all(1)
+    corner = (others == 0).all(2).any(1)  # another corner at the same place, where a slit ends
+    return not (inside & ~corner).any()
