@@ -26,6 +26,8 @@ FILL = 112.0  # pixels of the box's longer side in it
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
+MOST_PIXELS = 8  # of a photograph, or means of some, along a side of a pixel of a crop: its blur leaves no more apart
+STRIP = 2**22  # pixels that are averaged at once
 _LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
 
 
@@ -208,10 +210,11 @@ def crop_object(
 
 
 def check_photograph(photograph: Tensor) -> None:
-    """Raises ValueError unless it is a finite floating point tensor (1 or 3, H, W)."""
-    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not photograph.is_floating_point():
+    """Raises ValueError unless it is a tensor (1 or 3, H, W), of finite floating point numbers or of uint8."""
+    of_numbers = photograph.is_floating_point() or photograph.dtype == torch.uint8
+    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not of_numbers:
         raise ValueError(
-            f"the photograph must be a floating point tensor (1 or 3, H, W), "
+            f"the photograph must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
             f"got {photograph.dtype} of shape {tuple(photograph.shape)}"
         )
     # the sum takes a tenth of the time, and is infinite for hardly any finite photograph
@@ -221,26 +224,54 @@ def check_photograph(photograph: Tensor) -> None:
 
 def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
     """The square (1, 1, side, side) that a view shows, gray, without aliasing; the photograph's border repeats."""
+    factor = reduction(view.zoom)
+    if factor > 1:
+        photograph = gray_means(photograph, factor)
     height, width = photograph.shape[1:]
-    sigma = 0.5 * math.sqrt(max(0.0, 1 / view.zoom**2 - 1))
+    # the rest of the variance, in pixels of the means; that of a square of pixels is (factor² - 1) / 12
+    sigma = math.sqrt(max(0.0, (1 / view.zoom**2 - 1) / 4 - (factor**2 - 1) / 12)) / factor
     at = torch.arange(side) + 0.5 - side / 2
-    x, y = view.to_photograph(at[None, :], at[:, None])
+    x, y = (each / factor for each in view.to_photograph(at[None, :], at[:, None]))
+    middle = [each / factor for each in view.middle]
     if view.axis is None:
-        reach = side / view.zoom / 2
+        reach = side / view.zoom / factor / 2
     else:  # beyond the border nothing changes
         x, y = x.clamp(-3 * sigma, width + 3 * sigma), y.clamp(-3 * sigma, height + 3 * sigma)
-        reach = max(float((each - m).abs().max()) for each, m in zip((x, y), view.middle, strict=True))
+        reach = max(float((each - m).abs().max()) for each, m in zip((x, y), middle, strict=True))
     around = math.ceil(reach + 3 * sigma) + 2
-    left, top = (math.floor(m) - around for m in view.middle)
+    left, top = (math.floor(m) - around for m in middle)
     rows = torch.arange(top, top + 2 * around + 1).clamp(0, height - 1)
     cols = torch.arange(left, left + 2 * around + 1).clamp(0, width - 1)
-    part = gray(photograph[:, rows][:, :, cols][None].float())
+    part = gray(_floats(photograph[:, rows][:, :, cols])[None])
     if sigma > 0:
         part = blurred(part, sigma)
     across, down = ((each - start) / (2 * around + 1) * 2 - 1 for each, start in ((x, left), (y, top)))
     grid = torch.stack([across.expand(side, side), down.expand(side, side)], dim=-1)[None].float()
     image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
     return image.clamp(0, 1)
+
+
+def reduction(zoom: float) -> int:
+    """The side of the squares of a photograph's pixels whose means are enough at a zoom; 1 down to 1/16."""
+    return max(1, int(1 / (MOST_PIXELS * zoom)))
+
+
+def gray_means(photograph: Tensor, factor: int) -> Tensor:
+    """The means of ``factor`` x ``factor`` pixels of a photograph (C, H, W), gray, (1, h, w), float32.
+
+    The border repeats.  A strip at a time, so that it takes hardly more memory than the result.
+    """
+    height, width = photograph.shape[1:]
+    rows = factor * max(1, STRIP // (factor * width))
+    means = []
+    for strip in (photograph[:, top : top + rows] for top in range(0, height, rows)):
+        beyond = (0, -width % factor, 0, -strip.shape[1] % factor)
+        means.append(functional.avg_pool2d(functional.pad(_floats(strip)[None], beyond, mode="replicate"), factor))
+    return gray(torch.cat(means, 2))[0]
+
+
+def _floats(photograph: Tensor) -> Tensor:
+    return photograph.float() / 255 if photograph.dtype == torch.uint8 else photograph.float()
 
 
 def blurred(image: Tensor, sigma: float) -> Tensor:
@@ -258,7 +289,7 @@ def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None)
     Pixels around the object get the photograph's mean, so that no edge is left there but the object's own outline.
 
     Args:
-        photograph: (C, H, W), floating point.
+        photograph: (C, H, W), floating point or uint8.
         mask: (H, W), bool, true where the object is.
         box: the object's; by default that of the mask.
 
@@ -275,4 +306,7 @@ def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None)
     if box is None:
         rows, cols = mask.any(1).nonzero(), mask.any(0).nonzero()
         box = Box(float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1)
-    return torch.where(mask, photograph, photograph.mean()), Box.of(box)
+    mean = photograph.mean(dtype=torch.float32)
+    if photograph.dtype == torch.uint8:
+        mean = mean.round()
+    return torch.where(mask, photograph, mean.to(photograph.dtype)), Box.of(box)

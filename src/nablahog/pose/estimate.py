@@ -108,8 +108,8 @@ def estimate_pose(
     descriptors agree with it better and better.
 
     Args:
-        photograph: (C, H, W), float32 or float64 in 0…1, one channel or R, G, B; or an array (H, W) or (H, W, C), or
-            a PIL image.
+        photograph: (C, H, W), float32 or float64 in 0…1, or uint8, one channel or R, G, B; or an array (H, W) or
+            (H, W, C), or a PIL image.
         models: normalised meshes by name, or one mesh; all are tried, the best is returned.  Without models of your
             own, ``nablahog.sample_chairs()`` has chairs of all common kinds.
         box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
@@ -216,13 +216,13 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
 
 
 def one_image(photograph: Tensor | ArrayImage) -> Tensor:
-    """(C, H, W) of a photograph, in 0…1 unless it is a tensor, which stays as it is."""
+    """(C, H, W) of a photograph, floating point in 0…1 or uint8."""
     if isinstance(photograph, Tensor):
         return photograph
     images, single = image_batch("the photograph", photograph)
     if not single:
         raise ValueError(f"expected one photograph, got {len(images)}")
-    return images[0] / 255 if images.dtype == torch.uint8 else images[0]
+    return images[0]
 
 
 def _check_option(name: str, value: object, literal: object) -> None:

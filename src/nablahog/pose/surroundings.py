@@ -19,9 +19,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..hog.box import Box
-from ..hog.gradient import gray
 from .background import coarse_background
-from .crop import FILL, SIDE, blurred, resampled
+from .crop import FILL, SIDE, blurred, gray_means, reduction, resampled
 from .model import (
     VIEW_COUNT,
     PreparedModel,
@@ -252,9 +251,12 @@ def _levels(
     fill = FILL / shrink
     largest = float(max(height, width))
     smallest = min(max(largest / SMALLEST, fill), largest)
-    photograph = gray(image[None].float())
+    finest = math.floor(LEVELS * math.log2(largest / smallest))
+    factor = reduction(fill / (largest * 2 ** (-finest / LEVELS)))
+    photograph = gray_means(image, factor)[None]
+    height, width = (side * factor for side in photograph.shape[2:])
     cell = spec.cell_size[0]
-    for k in range(math.floor(LEVELS * math.log2(largest / smallest)), -1, -1):
+    for k in range(finest, -1, -1):
         zoom = fill / (largest * 2 ** (-k / LEVELS))
         shape = max(2, round(height * zoom)), max(2, round(width * zoom))
         photograph = functional.interpolate(photograph, shape, mode="bilinear", antialias=True)
