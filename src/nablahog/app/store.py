@@ -28,7 +28,8 @@ from ..cli.inputs.sources import Source
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
-from ..io.images import limit_size, read_image, register_heif
+from ..io.images import limit_size, read_image
+from ..io.pixels import register_heif
 from ..render import Mesh, load_mesh
 from .requests import GONE, SEE_SIZE, RequestError, Settings, decoded, named, spec_options
 

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from ..runtime.text import one_line
 from .files import check_file, replacing
-from .pixels import decoded, levels, register_heif
+from .pixels import decoded, has_8_bits, levels, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
@@ -44,7 +44,7 @@ def image_endings() -> set[str]:
     return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
 
 
-def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
+def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = False) -> Tensor:
     """The picture in a file, of any format that Pillow decodes by itself, or with pillow-heif where that is installed.
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
@@ -57,9 +57,10 @@ def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
         path: the file.
         size: pixels; a picture whose longer side has more is shrunk as :func:`limit_size` does, with less memory than
             the whole takes; 0 for never.
+        as_bytes: whether to keep 8 bits a channel as they are, if the file has no more and is not shrunk.
 
     Returns:
-        (C, H, W) with C 1 or 3, float32 in 0…1, on the CPU.
+        (C, H, W) with C 1 or 3, float32 in 0…1, on the CPU; or uint8, a quarter of it, if that was asked for.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -74,7 +75,7 @@ def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
             image = decoded(path)
             if not image.width * image.height:
                 raise ValueError(f"it has no pixels ({image.height}x{image.width})")
-            return _assembled(image, size)
+            return _assembled(image, size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
             raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused, it may be a bomb") from None
@@ -86,17 +87,24 @@ def read_image(path: str | os.PathLike[str], size: int = 0) -> Tensor:
             raise ValueError(f"{path}: the image cannot be read: {one_line(error)}") from None
 
 
-def _assembled(image: Image.Image, size: int) -> Tensor:
+def longer_side(path: str | os.PathLike[str]) -> int:
+    """Pixels of the longer side of a picture that :func:`read_image` reads."""
+    with Image.open(path) as image:
+        return max(image.width, image.height)
+
+
+def _assembled(image: Image.Image, size: int, as_bytes: bool) -> Tensor:
     """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
     height, width = _limited(image.height, image.width, size)
+    kept = as_bytes and has_8_bits(image) and (height, width) == (image.height, image.width)
     narrow, row = torch.empty(0), 0
     for each in levels(image):
         strip = torch.from_numpy(each).movedim(-1, 0)
         if not row:
-            narrow = torch.empty(len(strip), image.height, width)
-        narrow[:, row : row + len(each)] = _resized(strip, len(each), width)
+            narrow = torch.empty(len(strip), image.height, width, dtype=torch.uint8 if kept else torch.float32)
+        narrow[:, row : row + len(each)] = (strip * 255).round() if kept else _resized(strip, len(each), width)
         row += len(each)
-    return _resized(narrow, height, width).clamp_(0, 1)
+    return narrow if kept else _resized(narrow, height, width).clamp_(0, 1)
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:

@@ -65,13 +65,20 @@ def _opened(data: bytes) -> Image.Image:
     return image
 
 
+def has_8_bits(image: Image.Image) -> bool:
+    """Whether no channel has more."""
+    return image.mode not in ("I", "F") and not image.mode.startswith(
+        "I;16"
+    )  # which a 16-bit PNG is, depends on Pillow
+
+
 def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
     """Strips (rows, W, C) of at most :data:`STRIP` rows, in 0…1, from the top; C is 1 for gray images, or 3.
 
     Raises:
         ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
     """
-    if image.mode not in ("I", "F") and not image.mode.startswith("I;16"):  # which a 16-bit PNG is, depends on Pillow
+    if has_8_bits(image):
         yield from map(_of_8_bits, _strips(image))
         return
     tags: dict[int, Any] = getattr(image, "tag_v2", {})

@@ -48,7 +48,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
     for path in files[:limit]:
         name = _name(path, folder)
         try:
-            result.images[name] = _prepared(read_image(path), size)
+            result.images[name] = _prepared(read_image(path, size), 0)
         except (OSError, ValueError) as error:
             result.failed[name] = str(error).removeprefix(f"{path}: ")
     return result

@@ -16,7 +16,8 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
-from .mesh_file import Soup, read_soup
+from .mesh_file import read_soup
+from .polygons import Soup
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

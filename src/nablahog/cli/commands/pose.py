@@ -207,7 +207,7 @@ class ObjectJob:
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
         """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
         options, photo = self.options, local_path(self.photo)
-        photograph, box = read_image(photo), self.listed.box
+        photograph, box = read_image(photo, as_bytes=True), self.listed.box
         if self.mask is not None:
             photograph, box = masked(photograph, read_image(local_path(self.mask)).mean(0) > 0.5, box)
         lens = read_lens(photo, options.focal, options.principal_point)

@@ -23,8 +23,8 @@ from ...hog.gradient import gray
 from ...io.arrays import is_archive, is_raw, naming
 from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.files import distinct_stems
-from ...io.images import image_endings, limit_size, read_image
-from ...io.arrays import MAX_BYTES
+from ...io.images import image_endings, limit_size, longer_side, read_image
+from ...io.pixels import MAX_BYTES
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import Skipping, UserError, as_user_error
@@ -262,10 +262,11 @@ class _Reader:
             with naming(path):
                 self.spec_options.check(of_file.spec)
             return _from_stored(path, stem, of_file)
-        photo, size = read_image(path), self.arguments.size
-        source = from_photo(path, stem, photo, self.spec_options.spec(), size=SIZE if size is None else size)
-        self.shrunk += size is None and source.image_size != photo.shape[1:]
-        return source
+        size = SIZE if self.arguments.size is None else self.arguments.size
+        photo = read_image(path, size)
+        shrunk = longer_side(path) > max(photo.shape)
+        self.shrunk += shrunk and self.arguments.size is None
+        return from_photo(path, stem, photo, self.spec_options.spec(), size=size, shrunk=shrunk)
 
 
 def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
@@ -277,13 +278,13 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
     return Source(path, stem, descriptor, of_file.spec, of_file.image_size, None)
 
 
-def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int) -> Source:
-    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`."""
+def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, shrunk: bool = False) -> Source:
+    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`, or before."""
     small = limit_size(photo, size) if size else photo
     height, width = small.shape[-2:]
     try:
         spec.grid(height, width)
     except ValueError as error:
-        shrunk = "" if small is photo else f" after shrinking it to {size} pixels"
-        raise ValueError(f"{path}: {error}{shrunk}") from None
+        how = f" after shrinking it to {size} pixels" if shrunk or small is not photo else ""
+        raise ValueError(f"{path}: {error}{how}") from None
     return Source(path, stem, describe(small[None], spec)[0], spec, (height, width), small)

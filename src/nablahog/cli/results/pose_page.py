@@ -44,7 +44,7 @@ LEAD = (
 def pose_page(
     name: str, photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, candidates: Sequence[str], method: SearchMethod
 ) -> str:
-    """The page as HTML; the photograph is (C, H, W) in 0…1, the mesh that of the best of the candidates."""
+    """The page as HTML; the photograph is (C, H, W) in 0…1 or uint8, the mesh that of the best of the candidates."""
     known = estimate.camera.focal, estimate.principal_point
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known))
     spec = matched.background.spec
@@ -95,6 +95,7 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
     whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
+    whole = whole / 255 if whole.dtype == torch.uint8 else whole
     drawn, pose, camera = estimate.render_arguments(mesh)
     whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
     close, pose, close_outlined = close_up(photograph, estimate, mesh, HEIGHT, _CLOSE * HEIGHT)
