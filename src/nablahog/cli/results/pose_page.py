@@ -95,7 +95,7 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
     zoom = min(HEIGHT / height, WIDEST / width)
     size = max(1, round(height * zoom)), max(1, round(width * zoom))
     whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
-    whole = whole / 255 if whole.dtype == torch.uint8 else whole
+    whole = whole / 255 if not whole.is_floating_point() else whole
     drawn, pose, camera = estimate.render_arguments(mesh)
     whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
     close, pose, close_outlined = close_up(photograph, estimate, mesh, HEIGHT, _CLOSE * HEIGHT)
