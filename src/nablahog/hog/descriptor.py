@@ -148,7 +148,7 @@ class HOG(nn.Module):
         return hog(images, self.spec, layout=self.layout, backend=self.backend)
 
     def extra_repr(self) -> str:
-        return repr(self.spec) + ("" if self.layout == "cells" else f", layout={self.layout!r}")
+        return self.spec.name + ("" if self.layout == "cells" else f", layout={self.layout!r}")
 
 
 def _on_gpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:

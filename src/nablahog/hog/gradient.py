@@ -40,15 +40,26 @@ BORDERS: dict[Border, BorderRule] = {
 }
 
 
+def _gray_weights(channels: int) -> tuple[float, ...]:
+    """Of Eq. 1: three are R, G, B, any other number is averaged."""
+    return GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
+
+
+def channel_weights(spec: HOGSpec, channels: int) -> tuple[bool, tuple[float, ...]]:
+    """Whether so many channels are averaged (Eq. 1), not compared by magnitude, and their weights."""
+    if spec.colour != "gray" or channels == 1:
+        return False, (1.0,) * channels
+    return True, _gray_weights(channels)
+
+
 def gray(image: Tensor) -> Tensor:
-    """Eq. 1: (B, C, H, W) to (B, 1, H, W).  One channel passes; three are R, G, B; any other number is averaged."""
-    channels = image.shape[1]
-    if channels == 1:
+    """Eq. 1: (B, C, H, W) to (B, 1, H, W).  One channel passes."""
+    weights = _gray_weights(image.shape[1])
+    if len(weights) == 1:
         return image
-    weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
     # pixel by pixel: a matrix product may round equal pixels differently, and a flat area must have a zero gradient
     total = weights[0] * image[:, :1]
-    for k in range(1, channels):
+    for k in range(1, len(weights)):
         total = total + weights[k] * image[:, k : k + 1]
     return total
 

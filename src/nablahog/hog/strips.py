@@ -19,8 +19,8 @@ from typing import NamedTuple
 import torch
 
 from .kernels import supports
+from .kernels.plan import pooling_axes
 from .spec import HOGSpec
-from .tables import pooling_axes
 
 _STEPS = 96  # of an image that is tall enough to see how its bands repeat
 

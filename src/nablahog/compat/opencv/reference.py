@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...hog import HOGSpec, library_angles
+from ...hog import HOGSpec
 from ...hog.layout import to_layout
+from ...hog.orientation import opencv_angle
 from ...hog.poolings import BlockCells
 from ...hog.steps import pool
 from .padded import Padded
@@ -34,7 +35,7 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
 def votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
     """Votes of all pixels and the bins that the first go to; the second go to those after them.  All (rows, cols)."""
     gx, gy = _gradients(padded, spec)
-    position = library_angles.opencv(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
+    position = opencv_angle(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
     before, magnitude = np.floor(position), np.sqrt(gx * gx + gy * gy)
     f = position - before
     return magnitude * (1 - f), magnitude * f, before.astype(np.int64) % spec.bins

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...hog import BlockNorm, HOGSpec
-from ...hog.library_angles import opencv_table
+from ...hog.orientation import opencv_table
 from ...hog.poolings import BlockCells
 from ...hog.steps import pooling_matrices
 from .arguments import Size
