@@ -184,7 +184,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
     """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
 
-    Energies are rounded as in the native loops: ``native/global_norm.h``.
+    Energies are rounded as in the native loops: ``native/per_cell_norm.h``.
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:
