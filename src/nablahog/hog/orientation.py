@@ -220,7 +220,7 @@ class VoteRule:
 
     Attributes:
         shares: from gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
-        name: by which engines know it; those that don't leave it to ``shares``.
+        name: by which engines know it.
         hard: whether all of it goes to one bin, and the derivative is that of the magnitude.
         inexact: whether the derivative is by another angle than the votes.
     """
