@@ -18,15 +18,12 @@ class PerCell(Normalizer):
     """A normaliser that makes of each cell's histogram a vector of as many numbers, one for each bin."""
 
     def channels(self, bins: int, signed: bool) -> int:
-        """As many as bins."""
         return bins
 
     def footprint(self, axis: int) -> Footprint:
-        """Each cell."""
         return Footprint()
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """As bins are."""
         return bins
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
@@ -56,7 +53,6 @@ class GlobalNorm(PerCell):
     has_loops: ClassVar[bool] = True
 
     def reach(self) -> int | None:
-        """The whole image."""
         return None
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
@@ -111,7 +107,6 @@ class CellNorm(PerCell):
     """Each cell has length 1."""
 
     def reach(self) -> int | None:
-        """None but its own."""
         return 0
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
