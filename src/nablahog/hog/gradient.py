@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,17 +16,11 @@ BLACK = 1e-9  # up to this a value is black: second derivatives of smaller roots
 _GROUP = 8  # columns that dlib computes at a time
 
 
-@dataclass(frozen=True)
-class BorderRule:
-    """The derivative across the image border, of Eq. 2.
+class BorderRule(NamedTuple):
+    """The derivative across the image border, of Eq. 2."""
 
-    Attributes:
-        times: how often the difference to the value beyond the border counts; 0: the derivative is 0.
-        beyond: that value, in 0…1; None for the outermost pixel's own.
-    """
-
-    times: int = 0
-    beyond: float | None = None
+    times: int = 0  # how often the difference to the value beyond the border counts; 0: the derivative is 0
+    beyond: float | None = None  # that value, in 0…1; None for the outermost pixel's own
 
 
 # "ignore": the ring is left out when votes are pooled

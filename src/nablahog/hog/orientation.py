@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -214,21 +213,16 @@ def _whole(bins: Callable[[Tensor, Tensor, HOGSpec], Tensor]) -> Callable[[Tenso
     return shares
 
 
-@dataclass(frozen=True)
-class VoteRule:
+class VoteRule(NamedTuple):
     """How the vote of a pixel is shared among bins.
 
-    Attributes:
-        shares: from gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
-        name: by which engines know it.
-        hard: whether all of it goes to one bin, and the derivative is that of the magnitude.
-        inexact: whether the derivative is by another angle than the votes.
+    ``shares`` makes of gradients (B, H, W) candidate bins (B, n, H, W) and the weights of the vote in these.
     """
 
     shares: Callable[[Tensor, Tensor, HOGSpec], Shares]
-    name: str
-    hard: bool = False
-    inexact: bool = False
+    name: str  # by which engines know it
+    hard: bool = False  # all of it goes to one bin, and the derivative is that of the magnitude
+    inexact: bool = False  # the derivative is by another angle than the votes
 
 
 LINEAR_VOTES: dict[Angle, VoteRule] = {
@@ -270,9 +264,8 @@ def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     cast = _cast(gx, gy, rule, spec)
     if spec.derivative == "own" or not rule.hard:
         return cast
-    linear = _cast(
-        gx, gy, LINEAR_VOTES["exact"], spec
-    )  # no spec of its own: torch.compile cannot trace the making of one
+    # no spec of its own: torch.compile cannot trace the making of one
+    linear = _cast(gx, gy, LINEAR_VOTES["exact"], spec)
     return linear - linear.detach() + cast.detach()
 
 

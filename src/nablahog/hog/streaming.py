@@ -34,16 +34,13 @@ class Rows(Protocol):
     @property
     def shape(self) -> tuple[int, ...]:
         """(H, W) or (H, W, C)."""
-        ...
 
     @property
     def dtype(self) -> Any:
         """What numpy takes for a dtype."""
-        ...
 
     def __getitem__(self, rows: slice, /) -> Any:
         """Some rows, with a step of 1: what numpy takes for an array."""
-        ...
 
 
 class DescriptorStrip(NamedTuple):

@@ -61,18 +61,12 @@ class Axis(NamedTuple):
 
     A stretch is neighbouring pixels that vote into the same ``extent`` neighbouring cells: a *band* of rows, or a *run*
     of columns.
-
-    Attributes:
-        cells: along the axis.
-        extent: 1 or even.
-        stretches: (n, 3): the first pixel, the one after the last, the first cell.
-        weights: (pixels, extent), of pixels in the cells of their stretch.
     """
 
     cells: int
-    extent: int
-    stretches: npt.NDArray[np.int64]
-    weights: npt.NDArray[Any]
+    extent: int  # 1 or even
+    stretches: npt.NDArray[np.int64]  # (n, 3): the first pixel, the one after the last, the first cell
+    weights: npt.NDArray[Any]  # (pixels, extent), of pixels in the cells of their stretch
 
     @property
     def longest(self) -> int:
@@ -120,13 +114,7 @@ class NormPlan:
     Args:
         spec: a dialect of one colour.
         rows, cols: of the cells.
-        dtype: of cells and descriptors, float32 or float64.
-
-    Attributes:
-        struct: the plan itself.
-        cells: (rows, cols, bins) of histograms.
-        grid: (rows, cols, channels) of descriptors.
-        dtype: of both.
+        dtype: of cells (rows, cols, bins) and descriptors, its ``grid`` (rows, cols, channels); float32 or float64.
     """
 
     def __init__(self, spec: HOGSpec, rows: int, cols: int, dtype: torch.dtype) -> None:

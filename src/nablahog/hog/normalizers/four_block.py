@@ -139,9 +139,7 @@ class FourBlockNorm(Normalizer):
 
         energy = repeat_edge(repeat_edge(undirected.square().sum(dim=1, keepdim=True), -2), -1)
         energy = energy[..., :-1] + energy[..., 1:]
-        energy = (
-            energy[..., :-1, :] + energy[..., 1:, :]
-        )  # of the block around each cell corner: (B, 1, rows+1, cols+1)
+        energy = energy[..., :-1, :] + energy[..., 1:, :]  # of blocks around cell corners: (B, 1, rows+1, cols+1)
         if self.floor:
             factor = 1 / torch.maximum(root(energy), energy.new_tensor(self.epsilon))
         else:
