@@ -19,18 +19,6 @@ from ..spec import HOGSpec
 from ..steps import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from . import loops
 
-__all__ = [
-    "add_energy",
-    "cells",
-    "cells_vjp",
-    "describe",
-    "describe_vjp",
-    "histograms",
-    "histograms_jvp",
-    "norm",
-    "supports",
-]
-
 
 def _nothing(x: Tensor) -> Tensor:
     return torch.empty(len(x), 0)
