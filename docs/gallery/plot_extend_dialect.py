@@ -16,7 +16,7 @@ from PIL import Image
 from skimage import data
 
 import nablahog
-from nablahog.hog import BilinearCells, WindowNorm
+from nablahog.hog import BilinearCells, CellNorm
 
 # %%
 # All conventions, by name
@@ -34,7 +34,7 @@ spec = nablahog.HOGSpec(
     vote="linear",  # shared by the two nearest bins
     cell_size=(8, 8),
     partial_cells="floor",
-    normalizer=WindowNorm(sigma=1.5, epsilon=0.1),  # by the energy around, a Gaussian of 1.5 cells
+    normalizer=CellNorm(epsilon=0.1),  # each cell for itself
     pooling=BilinearCells(),  # a pixel votes into four cells
     mask="sobel",
 )

@@ -16,7 +16,6 @@ from nablahog.hog import (
     FourBlockNorm,
     GlobalNorm,
     HOGSpec,
-    WindowNorm,
 )
 from nablahog.hog.normalizers import PARTS
 from nablahog.hog.spec import Border, Boundary, Colour, ColourTies, Derivative, Directions, Gamma, Mask, PartialCells
@@ -51,7 +50,6 @@ def normalizers(draw: st.DrawFn) -> Any:
         st.one_of(
             st.builds(GlobalNorm, numbers, st.sampled_from(["printed", "robust"])),
             st.builds(CellNorm, numbers),
-            st.builds(WindowNorm, numbers, numbers),
             st.builds(
                 BlockNorm, pairs, pairs, st.sampled_from(FORMS), numbers, numbers, st.booleans(), st.floats(0.05, 1)
             ),

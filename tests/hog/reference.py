@@ -21,7 +21,6 @@ from nablahog.hog import (
     FourBlockNorm,
     GlobalNorm,
     HOGSpec,
-    WindowNorm,
 )
 
 Array = NDArray[np.float64]
@@ -314,19 +313,6 @@ def cell_norm(v: Array, scheme: CellNorm) -> Array:
     return v / np.maximum(np.sqrt((v**2).sum(-1, keepdims=True)), scheme.epsilon)
 
 
-def window_norm(v: Array, scheme: WindowNorm) -> Array:
-    rows, cols, _ = v.shape
-    output = np.empty_like(v)
-    for row, col in np.ndindex(rows, cols):
-        energy = scheme.epsilon**2
-        for y, x in np.ndindex(rows, cols):
-            down, across = abs(y - row), abs(x - col)
-            if max(down, across) <= 3 * scheme.sigma:
-                energy += math.exp(-(down**2 + across**2) / (2 * scheme.sigma**2)) * float((v[y, x] ** 2).sum())
-        output[row, col] = v[row, col] / math.sqrt(energy)
-    return output
-
-
 def normalize(v: Array, spec: HOGSpec) -> Array:
     """Histograms (rows, cols, bins) of one colour to descriptors (rows, cols, channels)."""
     scheme = spec.normalizer
@@ -334,8 +320,6 @@ def normalize(v: Array, spec: HOGSpec) -> Array:
         return global_norm(v, scheme)
     if isinstance(scheme, FourBlockNorm):
         return four_block_norm(v, scheme, signed=spec.signed)
-    if isinstance(scheme, WindowNorm):
-        return window_norm(v, scheme)
     if isinstance(scheme, BlockNorm):
         return block_norm(v, scheme)
     assert isinstance(scheme, CellNorm), f"no reference of {type(scheme).__name__}"

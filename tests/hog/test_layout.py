@@ -1,4 +1,4 @@
-"""Layouts: what is where, there and back, and the shapes that are refused."""
+"""Layouts: what is where, there and back, the shapes that are refused; and what channels are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.hog.layout import from_layout, native_shape, to_layout
+from nablahog.hog.layout import channel_names, from_layout, native_shape, to_layout
 
 from .zoo import PRESETS, SPECS, integers
 
@@ -68,3 +68,20 @@ def test_refuses_other_shapes(name: str) -> None:
     for shape in {(*right, 1), right[:-1], (math.prod(right) + 1,), (4, 3, s.channels)} - {right}:
         with pytest.raises(ValueError, match=r"descriptor of an image of .* has the shape"):
             from_layout(torch.zeros(2, *shape), s, size)
+
+
+@pytest.mark.parametrize("name", presets.__all__)
+def test_each_channel_has_a_name_of_its_own(name: str) -> None:
+    spec = presets.BY_NAME[name]
+    names = channel_names(name)
+    assert len(names) == len({*names}) == spec.channels
+
+
+def test_names_say_what_a_channel_is() -> None:
+    assert channel_names("paper")[:2] == ("10°", "30°")
+    assert channel_names("opencv")[-1] == "cell 1, 1 of the block: 170°"
+    assert channel_names("dpm")[27:] == (
+        *(f"texture: block {block}" for block in ("down-right", "up-right", "down-left", "up-left")),
+        "always 0",
+    )
+    assert channel_names("maskfeat")[9] == "green, 80°"

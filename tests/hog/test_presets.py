@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.testing import assert_close
 
-from nablahog.hog import BlockNorm, HOGSpec, hog, presets
+from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
 
 from .zoo import PRESETS, SPECS, fits, integers, noise, spec
 
@@ -135,3 +135,14 @@ def test_linear_votes_are_continuous(name: str) -> None:
     s = dataclasses.replace(s, colour="gray" if s.colour == "largest" else s.colour, gamma="none")
     image, change = integers(1, 3, *s.image_size(2, 2), levels=4), noise(1, 3, *s.image_size(2, 2))
     assert (hog(image + 1e-7 * change, s) - hog(image, s)).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("norm", ["L2-Hys", "L2", "L1-sqrt", "L1"])
+def test_dalal_and_triggs_blocks(norm: Any) -> None:
+    """Those of the paper's window: 7 x 15 blocks of 2x2 cells, σ of 8 pixels."""
+    s = presets.dalal_triggs(norm=norm)
+    assert (s.grid(128, 64), s.channels) == ((15, 7), 36)
+    assert s.pooling == BlockCells((16, 16), (8, 8), 8.0)
+    entries = hog(noise(1, 3, 128, 64), s).flatten(0, 2)
+    length = entries.sum(1) if norm == "L1" else entries.square().sum(1).sqrt()
+    assert_close(length, torch.ones_like(length), rtol=0, atol=0.02)  # but for ε

@@ -12,10 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec, hog
+from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border
+from nablahog.hog.steps import pooling_matrices
 
 from . import reference
 from .zoo import DOUBLE, SPECS, fits, integers, noise, rounding, spec
@@ -186,3 +187,29 @@ def test_upper_bins_on_bin_boundaries(bins: int, signed: bool, bin_offset: float
         counterclockwise=counterclockwise,
     )
     np.testing.assert_allclose(*votes_of(*whole_numbers(), s), rtol=1e-15, atol=0)
+
+
+IN_SINGLE, IN_DOUBLE = torch.empty(0), torch.empty(0, dtype=torch.float64)
+
+
+def by_row(cell: int, cells: int, like: Tensor) -> Tensor:
+    return pooling_matrices(presets.paper((cell, 8)), cell * cells, 8, like)[0]
+
+
+@pytest.mark.parametrize("like", [IN_SINGLE, IN_DOUBLE])
+@pytest.mark.parametrize("cell", [1, 2, 3, 5, 6, 7, 8, 11])
+def test_weights_are_alike_wherever_the_cell_is(cell: int, like: Tensor) -> None:
+    matrix = by_row(cell, 2000, like)
+    near, far = (matrix[k, (k - 1) * cell : (k + 2) * cell] for k in (1, 1998))
+    assert torch.equal(near, far)
+    assert (matrix.sum(dim=1)[1:-1] - cell).abs().max() < 1e-5 * cell
+
+
+@pytest.mark.parametrize("cell", [3, 5, 7])
+def test_far_from_the_origin_no_digit_is_lost(cell: int) -> None:
+    assert torch.equal(by_row(cell, 2000, IN_SINGLE), by_row(cell, 2000, IN_DOUBLE).float())
+
+
+@pytest.mark.parametrize("cell", [3, 5, 7, 11])
+def test_a_pixel_at_a_centre_votes_into_its_cell_alone(cell: int) -> None:
+    assert torch.equal(by_row(cell, 2000, IN_SINGLE)[:, cell // 2 :: cell], torch.eye(2000))

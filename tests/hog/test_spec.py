@@ -22,7 +22,6 @@ from nablahog.hog import (
     FourBlockNorm,
     GlobalNorm,
     HOGSpec,
-    WindowNorm,
     presets,
 )
 
@@ -112,7 +111,7 @@ def test_a_wrong_field_is_named(field: str, values: list[Any]) -> None:
 
 
 WRONG_PARTS: list[tuple[Callable[..., Any], str, list[Any]]] = [
-    *((kind, "epsilon", [0, math.nan, None]) for kind in (GlobalNorm, CellNorm, FourBlockNorm, WindowNorm)),
+    *((kind, "epsilon", [0, math.nan, None]) for kind in (GlobalNorm, CellNorm, FourBlockNorm)),
     (GlobalNorm, "form", ["L2"]),
     (FourBlockNorm, "texture", ["VLFeat", []]),
     (FourBlockNorm, "floor", [1]),
@@ -171,20 +170,3 @@ def test_equal_specs_are_one_key() -> None:
 def test_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         presets.paper().bins = 18  # type: ignore[misc]
-
-
-@pytest.mark.parametrize(
-    ("spec", "shown"),
-    [
-        (presets.paper(), "<HOGSpec presets.paper()>"),
-        (presets.uoctti(6), "<HOGSpec presets.uoctti() with cell_size=(6, 6)>"),
-        (
-            presets.skimage(8, cells_per_block=(2, 2)),
-            "<HOGSpec presets.skimage() with bins=8, normalizer.block=(2, 2)>",
-        ),
-        (presets.cnn_hog(bilinear=True), "<HOGSpec presets.cnn_hog() with name='cnn-hogb', vote='linear'>"),
-        (presets.opencv(win_size=(64, 64)), "<HOGSpec presets.opencv()>"),  # the window is no part of it
-    ],
-)
-def test_a_spec_shows_what_differs_from_the_nearest_preset(spec: HOGSpec, shown: str) -> None:
-    assert repr(spec) == shown

@@ -18,7 +18,6 @@ from nablahog.hog import (
     FourBlockNorm,
     GlobalNorm,
     HOGSpec,
-    WindowNorm,
     presets,
 )
 from nablahog.hog.normalizers import PARTS
@@ -66,7 +65,6 @@ PRESETS: dict[str, Callable[..., HOGSpec]] = {
     "opencv": _any_size(presets.opencv()),
     "opencv-signed": _any_size(presets.opencv(nbins=12, gamma=False, signed=True)),
     "dalal-triggs": presets.dalal_triggs,
-    "dalal-triggs-window": lambda cell_size=8: presets.dalal_triggs(cell_size, norm="window"),
     "maskfeat": _any_size(presets.maskfeat(gaussian_window=0)),
     "maskfeat-window": _any_size(presets.maskfeat(gaussian_window=4)),
 }
@@ -145,7 +143,6 @@ UNUSUAL: dict[str, HOGSpec] = {
     "blocks-Hys": spec(
         normalizer=BlockNorm((2, 2), epsilon=0.3, epsilon_again=0.1, epsilon_outside_root=True, clip=0.1)
     ),
-    "window": spec(normalizer=WindowNorm(0.7, 0.3), cell_size=(3, 2), signed=True, bins=8, bin_offset=0.0),
     "cells-separate": spec(normalizer=CellNorm(2.0), colour="separate", layout="colour-planes"),
     "missing-floor": spec(**_four(epsilon=0.7, floor=True, outside="missing", parts=PARTS, texture="dpm")),
     "drop-blocks": spec(cell_size=(2, 2), **_four(outside="drop", parts=("undirected", "texture", "blocks"))),

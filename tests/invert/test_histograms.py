@@ -46,7 +46,6 @@ SPECS: dict[str, HOGSpec] = {
     "opencv": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4)),
     "opencv-signed": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4), nbins=18, gamma=False, signed=True),
     "dalal-triggs": presets.dalal_triggs(4),
-    "dalal-triggs-window": presets.dalal_triggs(4, norm="window"),
     "maskfeat": presets.maskfeat(4, gaussian_window=0),
 }
 # distances of what is recovered, where the descriptor does not determine the histograms

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from ..runtime.lazy import names_when_used
 from . import presets
-from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, WindowNorm
+from .normalizers import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm
 from .poolings import BilinearCells, BlockCells, BoxCells
 from .spec import HOGSpec
 
@@ -25,7 +25,6 @@ __all__ = [
     "FourBlockNorm",
     "GlobalNorm",
     "HOGSpec",
-    "WindowNorm",
     "from_layout",
     "histograms_reference",
     "hog",

@@ -24,13 +24,10 @@ Both: TypeAlias = tuple[Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Step:
-    """A step of an engine, its derivatives, and its reference.
+    """A step of an engine, its derivatives, and the same step in operations of PyTorch.
 
-    Attributes:
-        run: maps the input and the dialect to the output, and what the derivatives need, (B, numbers).
-        vjp: maps the input, that tensor and the gradient of the output to the gradient of the input.
-        jvp: maps the input, that tensor and the tangent of the input to the tangent of the output.
-        reference: the same step in operations of PyTorch.
+    ``run`` returns the output and what the derivatives need, (B, numbers).  ``vjp`` maps the input, that tensor and the
+    gradient of the output to the gradient of the input, ``jvp`` tangents the other way.
     """
 
     run: Callable[[Tensor, HOGSpec], tuple[Tensor, Tensor]]

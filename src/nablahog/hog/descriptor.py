@@ -112,7 +112,7 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
 
 def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
     halves = isinstance(images, Tensor) and images.dtype in HALVES
-    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, spec, backend)) else images
+    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, backend)) else images
     _check(values, spec, backend)
     advise(values, spec)
     descriptor = describe(values, spec, backend=backend)
@@ -148,14 +148,14 @@ class HOG(nn.Module):
         return hog(images, self.spec, layout=self.layout, backend=self.backend)
 
     def extra_repr(self) -> str:
-        return repr(self.spec) + ("" if self.layout == "cells" else f", layout={self.layout!r}")
+        return self.spec.name + ("" if self.layout == "cells" else f", layout={self.layout!r}")
 
 
-def _on_gpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
+def _on_gpu(images: Tensor, backend: Backend) -> bool:
     """Whether Triton's kernels are to compute it.  Raises if they were asked for and cannot."""
     if backend == "triton":
-        gpu.check(images.device, spec)
-    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device, spec))
+        gpu.check(images.device)
+    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device))
 
 
 def _on_cpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
@@ -168,7 +168,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.  Images are not checked.
     """
     native = _on_cpu(images, spec, backend)
-    triton = not native and _on_gpu(images, spec, backend)
+    triton = not native and _on_gpu(images, backend)
     if (native or (triton and images.is_cuda)) and in_graph(images):
         from .operators import cells as cells_operator  # a graph of PyTorch 2.10 takes no package from an import
 
@@ -211,7 +211,7 @@ def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
     """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
     native = device.type == "cpu" and kernels.supports(spec)
     norm = _norm if native and spec.normalizer.has_loops else normalize_reference
-    return (histograms if native or gpu.chosen(device, spec) else histograms_reference), norm
+    return (histograms if native or gpu.chosen(device) else histograms_reference), norm
 
 
 def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,17 +16,11 @@ BLACK = 1e-9  # up to this a value is black: second derivatives of smaller roots
 _GROUP = 8  # columns that dlib computes at a time
 
 
-@dataclass(frozen=True)
-class BorderRule:
-    """The derivative across the image border, of Eq. 2.
+class BorderRule(NamedTuple):
+    """The derivative across the image border, of Eq. 2."""
 
-    Attributes:
-        times: how often the difference to the value beyond the border counts; 0: the derivative is 0.
-        beyond: that value, in 0…1; None for the outermost pixel's own.
-    """
-
-    times: int = 0
-    beyond: float | None = None
+    times: int = 0  # how often the difference to the value beyond the border counts; 0: the derivative is 0
+    beyond: float | None = None  # that value, in 0…1; None for the outermost pixel's own
 
 
 # "ignore": the ring is left out when votes are pooled
@@ -40,15 +34,26 @@ BORDERS: dict[Border, BorderRule] = {
 }
 
 
+def _gray_weights(channels: int) -> tuple[float, ...]:
+    """Of Eq. 1: three are R, G, B, any other number is averaged."""
+    return GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
+
+
+def channel_weights(spec: HOGSpec, channels: int) -> tuple[bool, tuple[float, ...]]:
+    """Whether so many channels are averaged (Eq. 1), not compared by magnitude, and their weights."""
+    if spec.colour != "gray" or channels == 1:
+        return False, (1.0,) * channels
+    return True, _gray_weights(channels)
+
+
 def gray(image: Tensor) -> Tensor:
-    """Eq. 1: (B, C, H, W) to (B, 1, H, W).  One channel passes; three are R, G, B; any other number is averaged."""
-    channels = image.shape[1]
-    if channels == 1:
+    """Eq. 1: (B, C, H, W) to (B, 1, H, W).  One channel passes."""
+    weights = _gray_weights(image.shape[1])
+    if len(weights) == 1:
         return image
-    weights = GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
     # pixel by pixel: a matrix product may round equal pixels differently, and a flat area must have a zero gradient
     total = weights[0] * image[:, :1]
-    for k in range(1, channels):
+    for k in range(1, len(weights)):
         total = total + weights[k] * image[:, k : k + 1]
     return total
 

@@ -16,17 +16,11 @@ PATCH = 2  # cells of the side of a transformer's patch
 
 
 class _Arrangement(NamedTuple):
-    """How a layout arises from (rows, cols, channels), without B.
+    """How a layout arises from (rows, cols, channels), without B."""
 
-    Attributes:
-        sizes: of the axes into which rows, columns and channels are split.
-        order: of these axes in the layout.
-        shape: of the layout, in which some of them are one.
-    """
-
-    sizes: tuple[int, ...]
-    order: tuple[int, ...]
-    shape: tuple[int, ...]
+    sizes: tuple[int, ...]  # of the axes into which rows, columns and channels are split
+    order: tuple[int, ...]  # of these axes in the layout
+    shape: tuple[int, ...]  # of the layout, in which some of them are one
 
 
 def _arrangement(spec: HOGSpec, rows: int, cols: int) -> _Arrangement:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from . import library_angles
 from .spec import Angle, Boundary, HOGSpec
 
 Shares: TypeAlias = tuple[Tensor, Tensor | int]
 _SLACK = 1e-9  # radians
+# OpenCV ``core/src/mathfuncs_core``: atan(t) of t in 0…1, an odd polynomial, in radians
+_OPENCV = (0.9997878412794807, -0.3258083974640975, 0.1555786518463281, -0.04432655554792128)
+VLFEAT_LEAST = 1e-10  # VLFeat's least magnitude
 
 
 def vanishing(dtype: torch.dtype) -> float:
@@ -82,19 +83,75 @@ def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor
     return _shares(nearest, position - nearest, spec)
 
 
+def opencv_table(spec: HOGSpec) -> tuple[float, ...]:
+    """Its four coefficients in degrees, the guard of its division, a degree in radians, and bins by radian: float32."""
+    degrees = [p * 180 / math.pi for p in _OPENCV]
+    guard = torch.finfo(torch.float64).eps
+    return tuple(float(np.float32(x)) for x in (*degrees, guard, math.pi / 180, spec.bins / spec.period))
+
+
+def opencv_angle(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
+    """OpenCV's position of gradients (B, H, W) among bin centres, in bins, not wrapped; in float32 throughout.
+
+    Its angle, in degrees first, errs by up to 3e-4 rad, and the rounding of positions up to 18 by a millionth of a bin.
+    """
+    p1, p3, p5, p7, guard, radian, per_radian = opencv_table(spec)
+    x, y = gx.float(), gy.float()
+    small, large = torch.minimum(x.abs(), y.abs()), torch.maximum(x.abs(), y.abs())
+    t = small / (large + guard)
+    s = t * t
+    angle = (((p7 * s + p5) * s + p3) * s + p1) * t
+    angle = torch.where(y.abs() > x.abs(), 90 - angle, angle)
+    angle = torch.where(x < 0, 180 - angle, angle)
+    angle = torch.where(y < 0, 360 - angle, angle)
+    bins: Tensor = angle * radian * per_radian - spec.bin_offset
+    return bins.to(gx.dtype)
+
+
 def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """By OpenCV's arctangent, with the derivative of the exact angle."""
-    theirs = library_angles.opencv(gx.detach(), gy.detach(), spec)
+    theirs = opencv_angle(gx.detach(), gy.detach(), spec)
     nearest = theirs.round()
     r = _position(gx, gy, spec) - nearest
     r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
     return _shares(nearest, r + (theirs - nearest - r).detach(), spec)
 
 
+def vlfeat_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:
+    """(cos, sin) of the axes that VLFeat's bins are centred at, (2, axes)."""
+    axes = spec.bins // 2 if spec.signed else spec.bins
+    centres = np.arange(axes) * math.pi / axes
+    return np.stack([np.cos(centres), np.sin(centres)]).astype(np.float32)
+
+
+def vlfeat_weights(gx: Tensor, gy: Tensor, candidates: Tensor, spec: HOGSpec) -> Tensor:
+    """VLFeat's weights of the ``candidates`` (B, 3, H, W), bins, for gradients (B, H, W).
+
+    The bin direction nearest by dot product gets 1 - w, the one next to nearest w: the arccosine of a float32 close to
+    1, in units of a bin.
+    """
+    axes = spec.bins // 2 if spec.signed else spec.bins
+    x, y = gx.float(), gy.float()
+    # PyTorch's root of a float32 is not the nearest one, and near 1 the arccosine would show it
+    length = (x * x + y * y).double().sqrt().float().double().clamp(min=VLFEAT_LEAST)
+    cos, sin = torch.from_numpy(vlfeat_directions(spec)).to(x.device).unsqueeze(2).unsqueeze(3)
+    dots = x.unsqueeze(1) * cos + y.unsqueeze(1) * sin
+    best = dots.abs().max(dim=1, keepdim=True)
+    others = dots.abs().scatter(1, best.indices, -1.0)
+    second = others.max(dim=1, keepdim=True).indices
+    cosine = (best.values / length.unsqueeze(1)).clamp(max=1).float()
+    of_second = (torch.acos(cosine).double() / (math.pi / axes)).float()
+    nearest, next_ = best.indices, second
+    if spec.signed:
+        nearest, next_ = (torch.where(dots.gather(1, k) < 0, k + axes, k) for k in (nearest, next_))
+    weights: Tensor = (candidates == nearest) * (1 - of_second) + (candidates == next_) * of_second
+    return weights.to(gx.dtype)
+
+
 def _vlfeat_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """By VLFeat's arccosine, with the derivative of the exact angle."""
     bins, weights = _exact_shares(gx, gy, spec)
-    return bins, weights + (library_angles.vlfeat(gx.detach(), gy.detach(), bins, spec) - weights).detach()
+    return bins, weights + (vlfeat_weights(gx.detach(), gy.detach(), bins, spec) - weights).detach()
 
 
 def hard_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:
@@ -156,21 +213,16 @@ def _whole(bins: Callable[[Tensor, Tensor, HOGSpec], Tensor]) -> Callable[[Tenso
     return shares
 
 
-@dataclass(frozen=True)
-class VoteRule:
+class VoteRule(NamedTuple):
     """How the vote of a pixel is shared among bins.
 
-    Attributes:
-        shares: from gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
-        name: by which engines know it; those that don't leave it to ``shares``.
-        hard: whether all of it goes to one bin, and the derivative is that of the magnitude.
-        inexact: whether the derivative is by another angle than the votes.
+    ``shares`` makes of gradients (B, H, W) candidate bins (B, n, H, W) and the weights of the vote in these.
     """
 
     shares: Callable[[Tensor, Tensor, HOGSpec], Shares]
-    name: str
-    hard: bool = False
-    inexact: bool = False
+    name: str  # by which engines know it
+    hard: bool = False  # all of it goes to one bin, and the derivative is that of the magnitude
+    inexact: bool = False  # the derivative is by another angle than the votes
 
 
 LINEAR_VOTES: dict[Angle, VoteRule] = {
@@ -189,6 +241,19 @@ def vote_rule(spec: HOGSpec) -> VoteRule:
     return LINEAR_VOTES[spec.angle] if spec.vote == "linear" else HARD_VOTES[spec.boundary]
 
 
+def vote_directions(spec: HOGSpec) -> npt.NDArray[np.float64]:
+    """What the dialect's rule of votes compares gradients with, (2 or 3, directions): cosines and sines.
+
+    Directions of bins, or where bins begin, and then whether in the first half turn; nothing where votes are by angle.
+    """
+    rule = vote_rule(spec).name
+    if rule == "nearest":
+        return hard_directions(spec).astype(np.float64)
+    if rule == "vlfeat":
+        return vlfeat_directions(spec).astype(np.float64)
+    return np.array(beginnings(spec)[0], np.float64).T if rule == "begun" else np.zeros((2, 0))
+
+
 def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     """F^o of Eq. 4: gradients (B, H, W) to weighted votes (B, bins, H, W).
 
@@ -199,9 +264,8 @@ def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     cast = _cast(gx, gy, rule, spec)
     if spec.derivative == "own" or not rule.hard:
         return cast
-    linear = _cast(
-        gx, gy, LINEAR_VOTES["exact"], spec
-    )  # no spec of its own: torch.compile cannot trace the making of one
+    # no spec of its own: torch.compile cannot trace the making of one
+    linear = _cast(gx, gy, LINEAR_VOTES["exact"], spec)
     return linear - linear.detach() + cast.detach()
 
 

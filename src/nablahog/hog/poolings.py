@@ -137,7 +137,6 @@ class BilinearCells(Pooling):
         return matrix
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
-        """A cell more at either side, for weights and for the pixels that vote again."""
         return cell, 2 * cell
 
 
@@ -201,12 +200,10 @@ class BoxCells(Pooling):
         return matrix
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
-        """Its own pixels."""
         return 0, cell
 
     @property
     def tile(self) -> int:
-        """That of the window."""
         return self.window or 1
 
 
@@ -237,16 +234,13 @@ class BlockCells(Pooling):
             raise ValueError(f"votes within blocks go with a BlockNorm of block and step {cells}")
 
     def spacing(self, cell: int, axis: int) -> Spacing:
-        """Those of a block at each step."""
         return Spacing(self.step[axis], self.block[axis] // cell)
 
     def cells(self, pixels: int, cell: int, axis: int, partial: PartialCells) -> int:
-        """Those of all blocks that fit in."""
         blocks = (pixels - self.block[axis]) // self.step[axis] + 1
         return blocks * (self.block[axis] // cell)
 
     def smallest(self, cell_size: tuple[int, int]) -> tuple[str, tuple[int, int]]:
-        """A block."""
         return "block", self.block
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
@@ -266,7 +260,6 @@ class BlockCells(Pooling):
         return matrix
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
-        """The pixels of the block."""
         return 0, self.block[axis]
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -31,12 +30,10 @@ Derivative: TypeAlias = Literal["own", "linear"]
 Boundary: TypeAlias = Literal["first", "upper"]
 Layout: TypeAlias = Literal["cells", "planes", "colour-planes", "tokens", "blocks", "block-vector", "opencv-vector"]
 COLOURS = 3  # of a spec with separate colours
-NAMED: dict[str, HOGSpec] = {}
-"""The presets: the repr of a spec names the nearest one."""
 MOST_BINS = 1000
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class HOGSpec:
     """All conventions of one HOG dialect.  Immutable; change a field with :func:`dataclasses.replace`.
 
@@ -123,13 +120,6 @@ class HOGSpec:
         _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
         self.__dict__["text"] = self._text()
-
-    def __repr__(self) -> str:
-        """The preset that is nearest, and in which fields this one differs."""
-        changes = {name: list(_changes(preset, self)) for name, preset in NAMED.items()}
-        nearest = min(changes, key=lambda name: len(changes[name]))
-        different = f" with {', '.join(changes[nearest])}" if changes[nearest] else ""
-        return f"<HOGSpec presets.{nearest}(){different}>"
 
     def __hash__(self) -> int:
         return hash(self.to_json())  # a string caches its hash: specs are looked up many times in a call
@@ -270,16 +260,6 @@ class HOGSpec:
             raise ValueError(f"not the JSON of a HOGSpec: {one_line(error)}") from None
         except ValueError as error:
             raise ValueError(one_line(error)) from None
-
-
-def _changes(part: Any, other: Any, prefix: str = "") -> Iterator[str]:
-    """The fields of ``other`` that differ from those of ``part``, a dataclass of the same kind."""
-    for each in dataclasses.fields(part):
-        ours, theirs = getattr(part, each.name), getattr(other, each.name)
-        if dataclasses.is_dataclass(ours) and type(ours) is type(theirs):
-            yield from _changes(ours, theirs, f"{prefix}{each.name}.")
-        elif ours != theirs:
-            yield f"{prefix}{each.name}={theirs!r}"
 
 
 def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:

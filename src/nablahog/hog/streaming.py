@@ -34,16 +34,13 @@ class Rows(Protocol):
     @property
     def shape(self) -> tuple[int, ...]:
         """(H, W) or (H, W, C)."""
-        ...
 
     @property
     def dtype(self) -> Any:
         """What numpy takes for a dtype."""
-        ...
 
     def __getitem__(self, rows: slice, /) -> Any:
         """Some rows, with a step of 1: what numpy takes for an array."""
-        ...
 
 
 class DescriptorStrip(NamedTuple):
@@ -184,7 +181,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
     """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
 
-    Energies are rounded as in the native loops: ``native/global_norm.h``.
+    Energies are rounded as in the native loops: ``native/per_cell_norm.h``.
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:

@@ -12,15 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import torch
 
 from .kernels import supports
+from .kernels.plan import pooling_axes
 from .spec import HOGSpec
-from .tables import pooling_axes
 
 _STEPS = 96  # of an image that is tall enough to see how its bands repeat
 
@@ -32,21 +31,13 @@ class Span(NamedTuple):
     stop: int
 
 
-@dataclass(frozen=True)
-class Strip:
-    """Rows of a descriptor, and what they are computed from.
+class Strip(NamedTuple):
+    """Rows of a descriptor, and what they are computed from."""
 
-    Attributes:
-        rows: rows of the descriptor.
-        pixels: the crop, rows of the image.
-        cells: the rows of the crop's cells that are normalised.
-        before: how many rows of their descriptor precede the first of ``rows``.
-    """
-
-    rows: Span
-    pixels: Span
-    cells: Span
-    before: int
+    rows: Span  # of the descriptor
+    pixels: Span  # the crop, rows of the image
+    cells: Span  # the rows of the crop's cells that are normalised
+    before: int  # how many rows of their descriptor precede the first of ``rows``
 
 
 class _Bands(NamedTuple):

@@ -5,9 +5,31 @@
 #include "operator.h"
 #include "pooling.h"
 #include "votes.h"
-#include "votes_derivatives.h"
 
 namespace nablahog {
+
+// Tangents of a pixel's votes for its own bin, the next, and the one before
+template <class V>
+struct VoteTangents {
+  V here, after, before;
+};
+
+// By the tangent of the magnitude; of hard votes f is 0.
+template <class V>
+[[gnu::always_inline]] inline VoteTangents<V> along_jvp(V m, V f, V u, V v, V du, V dv) {
+  using T = Element<V>;
+  const V longer = m > T(0) ? (u * du + v * dv) / m : V{}, far = longer * f;
+  return {longer - far, far, V{}};
+}
+
+// By that of the angle
+template <class V>
+[[gnu::always_inline]] inline VoteTangents<V> across_jvp(V m, V f, V u, V v, V du, V dv, V slope) {
+  using T = Element<V>;
+  const V turned = m > T(0) ? slope * (u * dv - v * du) / m : V{}, half = turned * T(0.5);
+  const auto centre = f == T(0);
+  return {centre ? V{} : -turned, centre ? half : turned, centre ? -half : V{}};
+}
 
 // The jvp of Eq. 1-6, with tangents of the pixels
 template <class T, class Rule>

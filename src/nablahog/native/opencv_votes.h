@@ -24,7 +24,7 @@ struct Scheme {
   int64_t block_width, block_height;
   int64_t across, down;          // from block to block
   int64_t cell_cols, cell_rows;  // of a block
-  float polynomial[7];           // of angles: library_angles.opencv_table
+  float polynomial[7];           // of angles: orientation.opencv_table
   float offset;                  // of the first bin's centre, in bins
   float epsilon, epsilon_again, clip;
 

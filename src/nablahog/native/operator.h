@@ -5,9 +5,8 @@
 #include <string_view>
 
 #include "block_norm.h"
-#include "cell_norm.h"
 #include "four_block_norm.h"
-#include "global_norm.h"
+#include "per_cell_norm.h"
 
 namespace nablahog {
 

@@ -49,7 +49,7 @@ struct nablahog_plan {
   int64_t directions_count;  // axes, or bins
   const double* directions;  // nearest, vlfeat: (2, axes), cosines and sines.  begun: (3, bins), of where bins begin,
                              // and whether in the first half turn
-  const float* arctangent;   // opencv: (7,), see library_angles.py
+  const float* arctangent;   // opencv: (7,), see orientation.py
   double arccosine_least, arccosine_unit;  // vlfeat: the least magnitude, radians from axis to axis
 
   struct nablahog_axis rows, cols;

@@ -6,9 +6,14 @@
 #pragma once
 
 #include "pooling.h"
-#include "votes_derivatives.h"
 
 namespace nablahog {
+
+// Gradients with respect to a vector of pixels' votes for the bin before their own, their own and the next
+template <class V>
+struct VoteGradients {
+  V before, here, after;
+};
 
 template <class T>
 class PoolingVjp {

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "rasterize.h"
-#include "screen.h"
 
 namespace nablahog::rendering {
 

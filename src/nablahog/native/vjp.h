@@ -8,6 +8,26 @@
 
 namespace nablahog {
 
+// The gradient with respect to the magnitude, over the magnitude, from that with respect to a vote of this size
+template <class V>
+[[gnu::always_inline]] inline V along_vjp(V m, V grad) {
+  using T = Element<V>;
+  const auto some = m > T(0);
+  const V inverse = some ? T(1) / m : V{};
+  return some ? grad * inverse : V{};
+}
+
+// The angle moves votes between bins, on a bin's centre by the mean of both sides: the gradient with respect to the
+// angle, over the magnitude.  `slope` is in bins per radian.
+template <class V>
+[[gnu::always_inline]] inline V across_vjp(V m, V f, const VoteGradients<V>& grad, V slope) {
+  using T = Element<V>;
+  const auto some = m > T(0);
+  const V inverse = some ? T(1) / m : V{};
+  const V change = f == T(0) ? (grad.after - grad.before) * T(0.5) : grad.after - grad.here;
+  return some ? slope * change * inverse : V{};
+}
+
 // The vjp of Eq. 1-6.  Votes are recomputed, which takes less time than reading them from memory.
 template <class T, class Rule>
 class Vjp {

@@ -99,7 +99,7 @@ class Linear {
   const T tiny_, up_, to_bins_, offset_, count_, per_bin_;
 };
 
-// Linear votes by OpenCV's arctangent, a polynomial in degrees, in float32: library_angles.opencv
+// Linear votes by OpenCV's arctangent, a polynomial in degrees, in float32: orientation.opencv_angle
 template <class T>
 class OpenCV {
  public:
@@ -148,8 +148,8 @@ class OpenCV {
   return sqrt(z) * multiply_add(z, polynomial(z, p), denominator) * 4.0 / (denominator * unit);
 }
 
-// Linear votes by VLFeat's arccosine of the cosine to the nearest axis, in float32: library_angles.vlfeat.  The axis
-// nearest by dot product and the next get the vote.
+// Linear votes by VLFeat's arccosine of the cosine to the nearest axis, in float32: orientation.vlfeat_weights.  The
+// axis nearest by dot product and the next get the vote.
 template <class T>
 class VLFeat {
  public:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..hog.coordinates import pixel_box
+from ..hog.box import pixel_box
 from .background import FINE, coarse_background, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind

@@ -12,9 +12,10 @@ import torch
 
 from nablahog import hog, presets
 from nablahog.hog import triton as kernels
+from nablahog.hog.kernels.plan import VOTES
 from nablahog.hog.orientation import HARD_VOTES, LINEAR_VOTES
 from nablahog.hog.steps import histograms_reference, normalize_reference
-from nablahog.hog.triton import launch
+from nablahog.hog.triton import steps
 
 from ..zoo import noise
 
@@ -34,7 +35,7 @@ def forgetful() -> Any:
 
 def test_every_vote_rule_has_a_function() -> None:
     rules = [*LINEAR_VOTES.values(), *HARD_VOTES.values()]
-    assert {rule.name for rule in rules} == {*launch.RULES} == kernels.RULES
+    assert {rule.name for rule in rules} == {*steps.RULES} == {*VOTES}
 
 
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,7 +43,7 @@ def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
     of_hog = importlib.import_module("nablahog.hog.descriptor")
     assert of_hog.steps(CUDA, presets.paper()) == (of_hog.histograms, normalize_reference)
-    assert not kernels.chosen(torch.device("cpu"), presets.paper())
+    assert not kernels.chosen(torch.device("cpu"))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_without_it_the_plain_steps_compute_and_say_so_once(
     (said,) = [str(each.message) for each in recwarn]
     assert reason in said
     with pytest.raises(ModuleNotFoundError, match=reason):
-        kernels.check(CUDA, presets.paper())
+        kernels.check(CUDA)
 
 
 def test_triton_on_a_cpu_is_an_error_but_for_tests(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ... import native
 from ...hog import BlockNorm, HOGSpec, library_angles
 from ...hog.layout import to_layout
-from ...hog.library_angles import opencv_table
+from ...hog.orientation import opencv_table
 from ...hog.poolings import BlockCells
 from ...hog.steps import pool, pooling_matrices
 from .arguments import Size

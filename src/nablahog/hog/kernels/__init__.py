@@ -15,23 +15,9 @@ from torch import Tensor
 
 from ... import native
 from ..autograd import Step, apply, cells_reference, describe_reference, norm_reference
-from ..orientation import vote_rule
 from ..spec import HOGSpec
 from ..steps import merge_colours, separate_colours, separate_colours_vjp, split_colours
 from . import loops
-from .plan import VOTES
-
-__all__ = [
-    "add_energy",
-    "cells",
-    "cells_vjp",
-    "describe",
-    "describe_vjp",
-    "histograms",
-    "histograms_jvp",
-    "norm",
-    "supports",
-]
 
 
 def _nothing(x: Tensor) -> Tensor:
@@ -56,7 +42,7 @@ _DESCRIBE = Step(loops.describe, loops.describe_vjp, loops.describe_jvp, describ
 def supports(spec: HOGSpec) -> bool:
     """Whether these loops have all that the dialect needs but, perhaps, its normaliser."""
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
-    return not smoothed_border and vote_rule(spec).name in VOTES and native.available()
+    return not smoothed_border and native.available()
 
 
 @lru_cache(maxsize=64)

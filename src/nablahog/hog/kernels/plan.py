@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from .. import library_angles, tables
-from ..gradient import BLACK, BORDERS, last_of_equals
-from ..orientation import beginnings, vanishing, vote_rule
+from ..gradient import BLACK, BORDERS, channel_weights, last_of_equals
+from ..orientation import VLFEAT_LEAST, beginnings, opencv_table, vanishing, vote_directions, vote_rule
 from ..spec import HOGSpec
+from ..steps import pooling_matrices
 
 PIXELS = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
 MIRROR, REPEAT, CONSTANT = range(3)
@@ -56,19 +56,65 @@ class PlanStruct(ctypes.Structure):
     ]
 
 
+class Axis(NamedTuple):
+    """Eq. 5-6 along one axis.
+
+    A stretch is neighbouring pixels that vote into the same ``extent`` neighbouring cells: a *band* of rows, or a *run*
+    of columns.
+    """
+
+    cells: int
+    extent: int  # 1 or even
+    stretches: npt.NDArray[np.int64]  # (n, 3): the first pixel, the one after the last, the first cell
+    weights: npt.NDArray[Any]  # (pixels, extent), of pixels in the cells of their stretch
+
+    @property
+    def longest(self) -> int:
+        """Pixels of the longest stretch."""
+        return int((self.stretches[:, 1] - self.stretches[:, 0]).max(initial=1))
+
+    def by_stretch(self, length: int) -> npt.NDArray[Any]:
+        """The weights (stretches, extent, length) of each stretch, with zeros behind them."""
+        table = np.zeros((len(self.stretches), self.extent, length), self.weights.dtype)
+        for of_stretch, (begin, end, _) in zip(table, self.stretches, strict=True):
+            of_stretch[:, : end - begin] = self.weights[begin:end].T
+        return table
+
+
+def pooling_axes(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Axis, Axis]:
+    """Of the rows and the columns of images of that size, with weights in float32 or float64."""
+    rows, cols = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
+    return _axis(rows.numpy()), _axis(cols.numpy())
+
+
+def _axis(matrix: npt.NDArray[Any]) -> Axis:
+    """From weights (cells, pixels), of which a pixel's cells follow each other."""
+    pixels = np.flatnonzero(matrix.any(axis=0))
+    first = (matrix != 0).argmax(axis=0)
+    last = len(matrix) - 1 - (matrix[::-1] != 0).argmax(axis=0)
+    most = int((last - first)[pixels].max(initial=0)) + 1
+    extent = most if most == 1 else -(-most // 2) * 2
+    stretches: list[tuple[int, int, int]] = []
+    for pixel in map(int, pixels):
+        begin, end, cell = stretches[-1] if stretches else (0, -1, 0)
+        if pixel == end and cell <= first[pixel] and last[pixel] < cell + extent:
+            stretches[-1] = begin, pixel + 1, cell
+        else:
+            stretches.append((pixel, pixel + 1, int(first[pixel])))
+    weights = np.zeros((matrix.shape[1], extent), matrix.dtype)
+    for begin, end, cell in stretches:
+        cells = matrix[cell : cell + extent, begin:end].T
+        weights[begin:end, : cells.shape[1]] = cells
+    return Axis(len(matrix), extent, np.array(stretches, np.int64).reshape(-1, 3), weights)
+
+
 class NormPlan:
     """The part of ``nablahog_plan`` that is about the normaliser, with the arrays that it points to.
 
     Args:
         spec: a dialect of one colour.
         rows, cols: of the cells.
-        dtype: of cells and descriptors, float32 or float64.
-
-    Attributes:
-        struct: the plan itself.
-        cells: (rows, cols, bins) of histograms.
-        grid: (rows, cols, channels) of descriptors.
-        dtype: of both.
+        dtype: of cells (rows, cols, bins) and descriptors, its ``grid`` (rows, cols, channels); float32 or float64.
     """
 
     def __init__(self, spec: HOGSpec, rows: int, cols: int, dtype: torch.dtype) -> None:
@@ -117,7 +163,7 @@ class Plan(NormPlan):
         spec.grid(height, width)
         super().__init__(spec, *spec.cells(height, width), torch.float64 if stored == torch.float64 else torch.float32)
         self._real, self._integer = (np.float64, np.int64) if self.dtype == torch.float64 else (np.float32, np.int32)
-        rows, cols = tables.pooling_axes(spec, height, width, self.dtype)
+        rows, cols = pooling_axes(spec, height, width, self.dtype)
         self._set(
             channels=channels,
             height=height,
@@ -134,7 +180,7 @@ class Plan(NormPlan):
             setattr(self.struct, name, value)
 
     def _set_gradients(self, spec: HOGSpec, channels: int, height: int, width: int, stored: torch.dtype) -> None:
-        averaged, weights = tables.channel_weights(spec, channels)
+        averaged, weights = channel_weights(spec, channels)
         border = BORDERS[spec.border]
         last_wins = np.zeros(_padded(width), self._integer)
         last_wins[:width] = -last_of_equals(spec, height, width).astype(self._integer)
@@ -152,7 +198,7 @@ class Plan(NormPlan):
         )
 
     def _set_votes(self, spec: HOGSpec) -> None:
-        directions = tables.vote_directions(spec)
+        directions = vote_directions(spec)
         up = -1.0 if spec.counterclockwise else 1.0
         self._set(
             votes=VOTES[vote_rule(spec).name],
@@ -165,12 +211,12 @@ class Plan(NormPlan):
             slope=up * spec.bins / spec.period,
             directions_count=directions.shape[1],
             directions=self._address(directions, np.float64),
-            arctangent=self._address(library_angles.opencv_table(spec), np.float32),
-            arccosine_least=library_angles.VLFEAT_LEAST,
+            arctangent=self._address(opencv_table(spec), np.float32),
+            arccosine_least=VLFEAT_LEAST,
             arccosine_unit=math.pi / (spec.bins // 2 if spec.signed else spec.bins),
         )
 
-    def _axis(self, axis: tables.Axis) -> AxisStruct:
+    def _axis(self, axis: Axis) -> AxisStruct:
         return AxisStruct(
             pixels=len(axis.weights),
             cells=axis.cells,
@@ -182,7 +228,7 @@ class Plan(NormPlan):
             weights=self._address(axis.weights, self._real),
         )
 
-    def _columns(self, axis: tables.Axis) -> AxisStruct:
+    def _columns(self, axis: Axis) -> AxisStruct:
         struct = self._axis(axis)
         cell_weights = np.zeros((axis.extent, _padded(len(axis.weights))), self._real)
         cell_weights[:, : len(axis.weights)] = axis.weights.T

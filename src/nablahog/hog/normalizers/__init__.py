@@ -5,10 +5,10 @@ from __future__ import annotations
 from .base import Footprint, Normalizer
 from .block import BlockForm, BlockNorm
 from .four_block import PARTS, FourBlockNorm, Outside, Part, Texture
-from .per_cell import CellNorm, GlobalForm, GlobalNorm, PerCell, WindowNorm
+from .per_cell import CellNorm, GlobalForm, GlobalNorm, PerCell
 
 NORMALIZERS: dict[str, type[Normalizer]] = {
-    each.kind: each for each in (GlobalNorm, FourBlockNorm, BlockNorm, CellNorm, WindowNorm)
+    each.kind: each for each in (GlobalNorm, FourBlockNorm, BlockNorm, CellNorm)
 }
 
 __all__ = [
@@ -26,5 +26,4 @@ __all__ = [
     "Part",
     "PerCell",
     "Texture",
-    "WindowNorm",
 ]

@@ -49,15 +49,12 @@ class BlockNorm(Normalizer):
     """Blocks have one length."""
 
     def channels(self, bins: int, signed: bool) -> int:
-        """All bins of all cells of a block."""
         return self.block[0] * self.block[1] * bins
 
     def footprint(self, axis: int) -> Footprint:
-        """The cells of a block."""
         return Footprint(self.step[axis], self.block[axis])
 
     def reach(self) -> int | None:
-        """None beyond the block."""
         return 0
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
@@ -89,7 +86,6 @@ class BlockNorm(Normalizer):
         return blocks * (energy + epsilon**2).rsqrt()
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """The bins of each cell of the block, row by row."""
         cells = [(row, col) for row in range(self.block[0]) for col in range(self.block[1])]
         return [f"cell {row}, {col} of the block: {each}" for row, col in cells for each in bins]
 
@@ -115,5 +111,4 @@ class BlockNorm(Normalizer):
 
     @property
     def layout_block(self) -> tuple[int, int] | None:
-        """A block."""
         return self.block

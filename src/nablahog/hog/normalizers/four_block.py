@@ -96,15 +96,12 @@ class FourBlockNorm(Normalizer):
         return {"directed": 2 * n, "undirected": n, "texture": 4, "blocks": 4 * n, "zero": 1}[part]
 
     def channels(self, bins: int, signed: bool) -> int:
-        """Of all parts: 3n + 4 with the first three."""
         return sum(self.channels_of(part, bins, signed) for part in PARTS)
 
     def footprint(self, axis: int) -> Footprint:
-        """Each cell, or all but the outermost."""
         return Footprint(margin=1 if self.outside == "drop" else 0)
 
     def reach(self) -> int | None:
-        """The cells around."""
         return 1
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
@@ -142,9 +139,7 @@ class FourBlockNorm(Normalizer):
 
         energy = repeat_edge(repeat_edge(undirected.square().sum(dim=1, keepdim=True), -2), -1)
         energy = energy[..., :-1] + energy[..., 1:]
-        energy = (
-            energy[..., :-1, :] + energy[..., 1:, :]
-        )  # of the block around each cell corner: (B, 1, rows+1, cols+1)
+        energy = energy[..., :-1, :] + energy[..., 1:, :]  # of blocks around cell corners: (B, 1, rows+1, cols+1)
         if self.floor:
             factor = 1 / torch.maximum(root(energy), energy.new_tensor(self.epsilon))
         else:
@@ -157,7 +152,6 @@ class FourBlockNorm(Normalizer):
         return torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """Part by part."""
         of_parts: dict[Part, list[str]] = {
             "directed": [f"directed: {each}" for each in bins],
             "undirected": [f"undirected: {each}" for each in axes],
@@ -191,7 +185,6 @@ class FourBlockNorm(Normalizer):
 
     @property
     def keeps_directions(self) -> bool:
-        """With directed histograms."""
         return "directed" in self.parts
 
     def bin_weights(self, weights: Tensor, bins: int, signed: bool) -> Tensor:

@@ -1,9 +1,8 @@
 """The dialects by name: each is one HOGSpec with its source."""
 
 from ..checks import shortened
-from ..spec import NAMED, HOGSpec
-from .dalal import dalal_triggs, maskfeat, opencv, skimage
-from .paper import paper
+from ..spec import HOGSpec
+from .dalal import dalal_triggs, maskfeat, opencv, paper, skimage
 from .uoctti import aubry, cnn_hog, dlib, dpm, piotr, seeing3d, uoctti, vlfeat
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
 
 BY_NAME: dict[str, HOGSpec] = {name: globals()[name]() for name in __all__}
 """Each with its defaults."""
-NAMED.update(BY_NAME)
 
 
 def as_spec(spec: HOGSpec | str) -> HOGSpec:

@@ -1,16 +1,66 @@
-"""Descriptors after Dalal and Triggs, as libraries compute them."""
+"""The HOG of the paper, and descriptors after Dalal and Triggs, as they and libraries compute them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from ..checks import pair
-from ..normalizers import BlockForm, BlockNorm, CellNorm, WindowNorm
-from ..poolings import BilinearCells, BlockCells, BoxCells
-from ..spec import HOGSpec
+from ..normalizers import BlockForm, BlockNorm, CellNorm, GlobalForm, GlobalNorm
+from ..poolings import BlockCells, BoxCells, PartialCells
+from ..spec import Border, HOGSpec
 
-Norm: TypeAlias = Literal["L2-Hys", "L2", "L1-sqrt", "L1", "window"]
+
+def paper(
+    cell_size: int | tuple[int, int] = 8,
+    *,
+    bins: int = 9,
+    bin_offset: float = 0.5,
+    epsilon: float = 1e-5,
+    global_form: GlobalForm = "printed",
+    border: Border = "reflect",
+    partial_cells: PartialCells = "floor",
+) -> HOGSpec:
+    """The Dalal-type HOG of the paper, Eq. 1-7: gray, [-1, 0, 1], 9 unsigned bins, linear votes, one global normaliser.
+
+    The paper leaves the following open.
+
+    Args:
+        cell_size: pixels of a cell, one number or (height, width).  Default 8: the paper's multi-scale variant divides
+            it by √64, so 8 is the smallest cell size for which all its scales exist.
+        bins: orientation bins over 180°; the paper and Dalal use 9.
+        bin_offset: 0.5, bin k is centred at (k + ½)·20°.  Eq. 3 calls μ_b the "central value" of a bin, and 9 bins
+            "spaced over 0°-180°" have their centres at half a bin; 0 centres the first bin on 0° as VLFeat does.
+        epsilon: ε of Eq. 7, "a small positive constant".  1e-5 is scikit-image's; it acts only where the whole image
+            is flat.
+        global_form: ``"printed"`` divides by √(‖v‖ + ε), letter by letter Eq. 7; ``"robust"`` divides by √(‖v‖² + ε²),
+            which the prose ("robust L2-norm") means in Dalal and Triggs.  As printed, the descriptor still scales with
+            the square root of the image's contrast.
+        border: ``"reflect"``: no derivative across the image border, the rule that scikit-image and OpenCV share;
+            zero padding would draw a false frame around the image.
+        partial_cells: ``"floor"``: only whole cells count, as in Dalal's; the paper's images hold whole cells only.
+
+    Raises:
+        ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
+
+    >>> spec = nablahog.presets.paper()
+    >>> spec.cell_size, spec.grid(128, 64), spec.channels
+    ((8, 8), (16, 8), 9)
+    """
+    return HOGSpec(
+        name="paper",
+        value_range=1.0,
+        colour="gray",
+        border=border,
+        bins=bins,
+        signed=False,
+        bin_offset=bin_offset,
+        vote="linear",
+        cell_size=pair(cell_size),
+        partial_cells=partial_cells,
+        normalizer=GlobalNorm(epsilon=epsilon, form=global_form),
+    )
+
 
 _BASE = HOGSpec(
     name="dalal-triggs",
@@ -25,11 +75,11 @@ _BASE = HOGSpec(
     partial_cells="floor",
     normalizer=BlockNorm((2, 2), step=(2, 2)),
 )
-"""What all of them share; each preset below names its differences."""
+"""What those after Dalal and Triggs share; each preset below names its differences."""
 
 
 def dalal_triggs(
-    cell_size: int | tuple[int, int] = 8, *, bins: int = 9, norm: Norm = "L2-Hys", epsilon: float = 1.0
+    cell_size: int | tuple[int, int] = 8, *, bins: int = 9, norm: BlockForm = "L2-Hys", epsilon: float = 1.0
 ) -> HOGSpec:
     """The person detector's HOG of Dalal and Triggs ("Histograms of Oriented Gradients for Human Detection", 2005).
 
@@ -40,8 +90,7 @@ def dalal_triggs(
     Args:
         cell_size: pixels of a cell, one number or (height, width).
         bins: over 180°.
-        norm: of a block (Section 6.4 of the paper); or ``"window"``, the centre-surround normaliser: no blocks, but
-            each cell once, by the energy around it with a Gaussian of σ = 1 cell.
+        norm: of a block (Section 6.4 of the paper).
         epsilon: ε, in votes of images in 0…255.  The paper's is "small", with the same results over a large range.
 
     Raises:
@@ -52,15 +101,12 @@ def dalal_triggs(
     ((8, 8), (15, 7), 36)
     """
     cell = pair(cell_size)
-    blocks = BlockCells((2 * cell[0], 2 * cell[1]), cell, (cell[0] + cell[1]) / 2)
     return replace(
         _BASE,
         bins=bins,
         cell_size=cell,
-        normalizer=WindowNorm(epsilon=epsilon)
-        if norm == "window"
-        else BlockNorm((2, 2), step=(2, 2), form=norm, epsilon=epsilon, epsilon_again=1e-3),
-        pooling=BilinearCells() if norm == "window" else blocks,
+        normalizer=BlockNorm((2, 2), step=(2, 2), form=norm, epsilon=epsilon, epsilon_again=1e-3),
+        pooling=BlockCells((2 * cell[0], 2 * cell[1]), cell, (cell[0] + cell[1]) / 2),
         gamma="sqrt",
     )
 

@@ -14,18 +14,8 @@ from typing import Any
 
 import torch
 
-from ..orientation import vote_rule
-from ..spec import HOGSpec
-
-RULES = frozenset({"linear", "opencv", "vlfeat", "nearest", "begun"})
-"""Rules of votes that have kernels, by their names; not read from :mod:`.launch`, which loads Triton."""
 LEAST_CAPABILITY = 7, 0
 """The oldest GPUs that Triton compiles for."""
-
-
-def supports(spec: HOGSpec) -> bool:
-    """Whether the kernels have all that the dialect needs: its rule of votes."""
-    return vote_rule(spec).name in RULES
 
 
 def interpreted() -> bool:
@@ -63,25 +53,23 @@ def _traceable(cached: Any) -> Any:
     return cached.__wrapped__ if torch.compiler.is_compiling() else cached
 
 
-def chosen(device: torch.device, spec: HOGSpec) -> bool:
+def chosen(device: torch.device) -> bool:
     """Whether ``backend="auto"`` takes the kernels; if they are missing it says so, once."""
-    if device.type != "cuda" or not _traceable(_any_gpu)() or not supports(spec):
+    if device.type != "cuda" or not _traceable(_any_gpu)():
         return False
     if why := _traceable(_missing)(device):
         _say_once(why)
     return not why
 
 
-def check(device: torch.device, spec: HOGSpec) -> None:
+def check(device: torch.device) -> None:
     """Raises if ``backend="triton"`` cannot be taken.
 
     Raises:
-        ValueError: the images are not on a GPU, or the kernels lack a part of the dialect.
+        ValueError: the images are not on a GPU.
         ModuleNotFoundError: Triton is not installed, or has no code for the GPU.
     """
     if device.type != "cuda" and not (interpreted() and device.type == "cpu"):
         raise ValueError(f"the backend 'triton' computes on a GPU, got images on the device {device.type!r}")
-    if not supports(spec):
-        raise ValueError(f"the backend 'triton' has no votes as those of {spec.named} descriptor")
     if why := _traceable(_missing)(device):
         raise ModuleNotFoundError(f"the backend 'triton' cannot be used: {why}")

@@ -15,12 +15,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from .. import library_angles
-from ..gradient import BORDERS, last_of_equals
-from ..orientation import beginnings, vote_rule
+from ..gradient import BORDERS, channel_weights, last_of_equals
+from ..orientation import beginnings, opencv_table, vote_directions, vote_rule
 from ..spec import HOGSpec
 from ..steps import pooling_matrices
-from ..tables import channel_weights, vote_directions
 
 _MOST_REGISTERS = 160  # of a thread, for sums
 _COLUMNS = (8, 6, 4, 3, 2, 1)  # that a lane may read at a time
@@ -105,7 +103,7 @@ def voting(spec: HOGSpec) -> Voting:
         highest=math.ceil(spec.bins / 2 - offset),
         slope=(-1 if spec.counterclockwise else 1) * spec.bins / spec.period,
         before=spec.bins - 1 + beginnings(spec)[1],
-        opencv=library_angles.opencv_table(spec),
+        opencv=opencv_table(spec),
         between_axes=math.pi / axes,
         table=tuple(map(float, vote_directions(spec).reshape(-1))),
     )

@@ -133,7 +133,7 @@ def votes_of_even_and_odd(gx, gy, VOTING: tl.constexpr):
 
 @triton.jit
 def opencv_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By OpenCV's arctangent, in float32: :func:`nablahog.hog.library_angles.opencv`."""
+    """By OpenCV's arctangent, in float32: :func:`nablahog.hog.orientation.opencv_angle`."""
     p1, p3, p5, p7 = VOTING.opencv[0], VOTING.opencv[1], VOTING.opencv[2], VOTING.opencv[3]
     u, v = gx.to(tl.float32), gy.to(tl.float32)
     au, av = tl.abs(u), tl.abs(v)
@@ -163,7 +163,7 @@ def _arccosine(c):
 
 @triton.jit
 def vlfeat_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By VLFeat's arccosine, in float32: :func:`nablahog.hog.library_angles.vlfeat`."""
+    """By VLFeat's arccosine, in float32: :func:`nablahog.hog.orientation.vlfeat_weights`."""
     axes: tl.constexpr = VOTING.axes
     u, v = gx.to(tl.float32), gy.to(tl.float32)
     length = root(u * u + v * v)
