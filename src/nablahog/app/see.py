@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..cli.inputs.sources import from_photo
-from ..hog.box import Box
-from ..hog.box import cell_centres, pixel_box
+from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes

@@ -89,9 +89,9 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
 
 def longer_side(path: str | os.PathLike[str]) -> int:
     """Pixels of the longer side of a picture that :func:`read_image` reads."""
+    image: Image.Image
     with Image.open(path) as image:
-        width, height = image.size
-    return max(width, height)
+        return max(image.size)
 
 
 def _assembled(image: Image.Image, size: int, as_bytes: bool) -> Tensor:

@@ -15,9 +15,9 @@ import torch
 from numpy.typing import NDArray
 
 from ... import native
-from ...hog import BlockNorm, HOGSpec, library_angles
+from ...hog import BlockNorm, HOGSpec
 from ...hog.layout import to_layout
-from ...hog.orientation import opencv_table
+from ...hog.orientation import opencv_angle, opencv_table
 from ...hog.poolings import BlockCells
 from ...hog.steps import pool, pooling_matrices
 from .arguments import Size
@@ -135,7 +135,7 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
 def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
     """Votes of all pixels and the bins that the first go to; the second go to those after them.  All (rows, cols)."""
     gx, gy = _gradients(padded, spec)
-    position = library_angles.opencv(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
+    position = opencv_angle(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
     before, magnitude = np.floor(position), np.sqrt(gx * gx + gy * gy)
     f = position - before
     return magnitude * (1 - f), magnitude * f, before.astype(np.int64) % spec.bins
