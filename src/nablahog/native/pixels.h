@@ -167,7 +167,7 @@ inline void antialias(const Samples& samples, const int32_t* number, const std::
 }
 
 // OpenDR's approximate derivative: silhouettes drawn over the samples, then the image and its gradient.  The rule is in
-// nablahog/render/opendr.py.
+// nablahog/render/pipeline.py.
 namespace opendr {
 
 // Draws silhouette edges one sample wide, with brightness and 1 / depth of the surface in front.  `drawn` (height,

@@ -36,7 +36,7 @@ struct Pixels {
   int64_t rows, cols;      // of the box
   int64_t step;            // samples of a pixel along a side
   float* image;            // (height, width), holds the background at first
-  float* screen_gradient;  // (4, height, width), or null: see nablahog/render/rendering.py
+  float* screen_gradient;  // (4, height, width), or null: see nablahog/render/renderer.py
 };
 
 // A link between neighbouring samples that a visible edge crosses, from sample (row, col) down (axis 0) or right (1)
