@@ -87,7 +87,7 @@ class _Simple(Function):
             return _vjp_of_reference(x, grad_output, ctx.step, ctx.spec), None, None
         if torch.is_grad_enabled() or not _no_transforms():
             return _applied(_Vjp, x, saved, grad_output, ctx.step, ctx.spec), None, None
-        return ctx.step.vjp(x.detach(), saved, grad_output, ctx.spec), None, None
+        return ctx.step.vjp(x.detach(), saved, grad_output.resolve_neg(), ctx.spec), None, None
 
 
 # calls the C++ function behind it, which does not look for transforms once more

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -24,14 +25,19 @@ def check_fields(part: object, *others: str) -> None:
         hints = get_type_hints(type(part)).items()
         _CHECKS[type(part)] = {field: (get_origin(hint) or hint, _check_of(hint)) for field, hint in hints}
     for field, (kind, check) in _CHECKS[type(part)].items():
-        value = getattr(part, field)
-        if kind is tuple and isinstance(value, list):
-            value = tuple(value)
-            object.__setattr__(part, field, value)
+        value = _plain(getattr(part, field))
+        object.__setattr__(part, field, value)
         if check and field not in others:
             check(field, value)
         if kind is float and type(value) is int:
             object.__setattr__(part, field, float(value))
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of NumPy as those of Python, and lists as tuples."""
+    if isinstance(value, tuple | list):
+        return tuple(map(_plain, value))
+    return value.item() if isinstance(value, numbers.Number) and hasattr(value, "item") else value
 
 
 def _check_of(kind: Any) -> Callable[[str, object], None] | None:
@@ -73,7 +79,7 @@ def _is_side(value: object) -> bool:
 
 def pair(size: int | tuple[int, int]) -> tuple[int, int]:
     """One number for both sides, or (height, width)."""
-    return (size, size) if isinstance(size, int) else size
+    return size if isinstance(size, tuple | list) else (size, size)
 
 
 def shortened(value: object) -> str:

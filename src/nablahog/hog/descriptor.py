@@ -114,6 +114,7 @@ def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) 
     halves = isinstance(images, Tensor) and images.dtype in HALVES
     values = images.float() if halves and not (images.is_cuda and _on_gpu(images, backend)) else images
     _check(values, spec, backend)
+    values = values.resolve_neg()  # whose sign may be a bit that loops do not see
     advise(values, spec)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":

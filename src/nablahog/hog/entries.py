@@ -36,7 +36,8 @@ def with_margin(cells: Tensor, spec: HOGSpec) -> Tensor:
 def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """Which rows (rows,) and columns (cols,) of the cells of an image (height, width) are described."""
     rows, cols = (
-        torch.tensor(spec.normalizer.footprint(axis).covers(cells)) for axis, cells in enumerate(spec.cells(*size))
+        torch.tensor(spec.normalizer.footprint(axis).covers(cells), device="cpu")
+        for axis, cells in enumerate(spec.cells(*size))
     )
     return rows, cols
 
@@ -44,7 +45,7 @@ def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]
 def of_nearest_cells(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Entries (B, n, …) of :func:`cell_entries` for all cells of an image: one without takes the nearest cell's."""
     for axis, covered in enumerate(covered_cells(spec, size)):
-        known, cells = covered.nonzero().squeeze(1), torch.arange(len(covered))
+        known, cells = covered.nonzero().squeeze(1), torch.arange(len(covered), device="cpu")
         nearest = known[(cells.unsqueeze(1) - known).abs().argmin(dim=1)] - spec.normalizer.footprint(axis).margin
         entries = entries.index_select(2 + axis, nearest.to(entries.device))
     return entries

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ..runtime.pytorch import in_float64
 from .spec import COLOURS, Border, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
@@ -92,16 +93,16 @@ def _root(image: Tensor) -> Tensor:
     Correctly rounded, which PyTorch's on a CPU is not: differences of roots, and bins, depend on the last digit.
     """
     dark = image <= BLACK
-    safe = torch.where(dark, 1, image).double()
+    safe = in_float64(torch.where(dark, 1, image))
     root = torch.sqrt(safe)
-    if image.dtype == torch.float64:
+    if safe.dtype == image.dtype:
         root = root + _correction(safe.detach(), root.detach())
     return torch.where(dark, 0.0, root).to(image.dtype)
 
 
 def _correction(value: Tensor, root: Tensor) -> Tensor:
     """``root`` plus this is the number nearest to √value, by the exact residual (Veltkamp, Dekker)."""
-    big = 134217729.0 * root
+    big = (2.0**27 + 1 if value.dtype == torch.float64 else 2.0**12 + 1) * root
     high = big - (big - root)
     low = root - high
     residual = ((value - high * high) - 2 * high * low) - low * low

@@ -77,16 +77,21 @@ def is_pil(image: object) -> bool:
     return pil is not None and isinstance(image, pil.Image)
 
 
-def pil_pixels(name: str, image: Any) -> NDArray[np.uint8]:
-    """The pixels of a PIL image, (H, W) or (H, W, 3).
+def pil_pixels(name: str, image: Any) -> NDArray[Any]:
+    """The pixels of a PIL image, (H, W) or (H, W, 3), uint8; of 16 bits float32 in 0…1.
 
     Raises:
-        TypeError: its mode is not L or RGB.
+        TypeError: its mode is another.
     """
-    if image.mode not in ("L", "RGB"):
-        raise TypeError(f"{name} as a PIL image must have the mode L or RGB, got {image.mode}: image.convert('RGB')")
-    pixels: NDArray[np.uint8] = np.array(image)
-    return pixels
+    if image.mode in ("L", "RGB"):
+        pixels: NDArray[Any] = np.array(image)
+        return pixels
+    if image.mode.startswith("I;16"):
+        pixels = np.array(image).astype(np.float32)
+        return pixels / np.float32(65535)
+    # convert() clips numbers of more than 8 bits
+    advice = "np.asarray(image), of floats in 0…1" if image.mode in ("I", "F") else "image.convert('RGB')"
+    raise TypeError(f"{name} as a PIL image must have the mode L, RGB or I;16, got {image.mode}: {advice}")
 
 
 def _pixels(name: str, images: object) -> NDArray[Any]:
@@ -101,6 +106,8 @@ def _pixels(name: str, images: object) -> NDArray[Any]:
 
 
 def _tensor(name: str, array: NDArray[Any]) -> Tensor:
+    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+        raise ValueError(f"{name} must have all its numbers, got an array that masks some: fill them, array.filled(0)")
     if array.dtype.kind not in "uifb":
         raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}")
     # PyTorch takes no other byte order and no odd strides, and warns about memory that is read only

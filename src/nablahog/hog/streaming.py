@@ -191,7 +191,7 @@ def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
     factors = []
     for energy in energies:
         factors += [spec.normalizer.image_factor(energy.total())] * spec.bins
-    return torch.tensor(factors, dtype=torch.float64).reshape(-1, 1, 1)
+    return torch.tensor(factors, dtype=torch.float64, device="cpu").reshape(-1, 1, 1)
 
 
 class _Energy:

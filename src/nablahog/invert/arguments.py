@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -10,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.checks import check_choice
+from ..hog.checks import check_choice, shortened
 from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser
@@ -49,7 +51,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
             f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
         )
     rows, cols, channels = descriptor.shape[1:]
-    height, width = image_size or spec.image_size(rows, cols)
+    height, width = checked_size(spec.image_size(rows, cols) if image_size is None else image_size)
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
         raise ValueError(
@@ -61,6 +63,15 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     if largest > LARGEST_ENTRY:
         raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in size, got one of {largest:g}")
     return height, width
+
+
+def checked_size(image_size: object) -> tuple[int, int]:
+    """A height and width; ValueError for anything else."""
+    with suppress(TypeError, ValueError):
+        height, width = map(operator.index, image_size)  # type: ignore[call-overload]
+        if min(height, width) > 0:
+            return height, width
+    raise ValueError(f"image_size must be the (height, width) of the image, two integers, got {shortened(image_size)}")
 
 
 def check_images(

@@ -75,6 +75,16 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
 
 
+def in_float64(x: torch.Tensor) -> torch.Tensor:
+    """In float64; as it is on a device that has none, such as Apple's GPU."""
+    if torch.compiler.is_compiling():
+        return x.double()
+    try:
+        return x.double()
+    except TypeError:
+        return x
+
+
 def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
     """Bytes that one part of a batch may take: a share, 0…1, of what is free on a CUDA device, or of others ``on_cpu``.
 

@@ -21,7 +21,7 @@ from . import loops
 
 
 def _nothing(x: Tensor) -> Tensor:
-    return torch.empty(len(x), 0)
+    return torch.empty(len(x), 0, device="cpu")
 
 
 _CELLS = Step(

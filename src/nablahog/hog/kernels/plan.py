@@ -83,7 +83,7 @@ class Axis(NamedTuple):
 
 def pooling_axes(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Axis, Axis]:
     """Of the rows and the columns of images of that size, with weights in float32 or float64."""
-    rows, cols = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype))
+    rows, cols = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype, device="cpu"))
     return _axis(rows.numpy()), _axis(cols.numpy())
 
 
@@ -143,7 +143,7 @@ class NormPlan:
 
     def empty(self, batch: int, *shape: int) -> torch.Tensor:
         """Memory for a result of the loops."""
-        return torch.empty((batch, *shape), dtype=self.dtype)
+        return torch.empty((batch, *shape), dtype=self.dtype, device="cpu")
 
 
 class Plan(NormPlan):
