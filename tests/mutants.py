@@ -31,7 +31,12 @@ PACKAGE = Path("src", "nablahog")
 LIMIT = 600  # seconds of the tests of a mutant; those that take longer have noticed an endless loop
 QUICK = 2.0  # seconds of a test that is run among the first
 MOST = 400  # tests of a run
-STARTING_PROCESSES = ("cli", "app", "jobs")  # rooms whose lines are executed in processes that coverage.py does not see
+STARTING_PROCESSES = (
+    "cli",
+    "app",
+    "jobs",
+    "runtime",
+)  # rooms whose lines are executed in processes that coverage.py does not see
 OPERATORS: dict[type, type] = {
     **{ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult},
     **{ast.Pow: ast.Mult, ast.Mod: ast.FloorDiv, ast.And: ast.Or, ast.Or: ast.And, ast.BitAnd: ast.BitOr},
@@ -88,7 +93,7 @@ def breakable(node: ast.AST) -> Iterator[ast.AST]:
             skipped = [*decorators]
         case ast.AnnAssign(annotation=annotation) | ast.arg(annotation=annotation):
             skipped = [annotation]
-        case ast.Call(ast.Attribute(attr="warn" | "add_argument")):
+        case ast.Call(ast.Attribute(attr="warn" | "add_argument")) | ast.keyword(arg="strict"):  # the latter: of zip
             return
     if changed(node) is not None:
         yield node
@@ -164,7 +169,7 @@ def runs(mutant: Mutant, record: Record) -> Iterator[list[str]]:
     room = mutant.file.parts[0].removesuffix(".py")
     folder = next((each for each in (f"tests/{room}", f"tests/test_{room}.py") if (ROOT / each).exists()), None)
     if folder is not None and (room in STARTING_PROCESSES or not recorded):
-        yield [folder]
+        yield [folder, "tests/test_start_up.py"]
 
 
 def tested(tree: Path, *arguments: str, limit: float | None, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -141,8 +141,12 @@ def test_a_pose_is_converted_between_crops_of_a_known_camera() -> None:
 @pytest.mark.parametrize(
     ("photograph", "box", "message"),
     [
-        (torch.zeros(90, 80), (0, 0, 80, 90), r"must be a floating point tensor \(1 or 3, H, W\), got"),
-        (torch.zeros(1, 90, 80).byte(), (0, 0, 80, 90), "got torch.uint8"),
+        (
+            torch.zeros(90, 80),
+            (0, 0, 80, 90),
+            r"must be a tensor \(1 or 3, H, W\) of floating point numbers or uint8, got",
+        ),
+        (torch.zeros(1, 90, 80).int(), (0, 0, 80, 90), "got torch.int32"),
         (torch.tensor([[[1.0, math.inf], [-math.inf, 1.0]]]).repeat(1, 45, 40), (0, 0, 80, 90), "must be finite"),
         (torch.zeros(1, 90, 80), (0, 0, 7, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (50, 10, 20, 60), "sides of at least 8 pixels"),
@@ -264,3 +268,24 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
     cosine = (float((result[:3, :3] @ matrix[:3, :3].T).trace()) - 1) / 2
     assert math.degrees(math.acos(cosine)) < 2.5
     assert float((result[:3, 3] - matrix[:3, 3]).norm()) < 0.08
+
+
+@pytest.mark.parametrize("axis", [None, (1100.0, 900.0)])
+def test_large_photographs_are_shrunk_in_two_steps(axis: tuple[float, float] | None) -> None:
+    """A smooth picture is the same in a crop whether the photograph has 20 times as many pixels along a side or not."""
+    side, factor = 120, 20
+    box = (30.0, 25.0, 90.0, 88.0)
+
+    def picture(size: int) -> Tensor:
+        at = (torch.arange(size, dtype=torch.float64) + 0.5) / size
+        return (0.5 + 0.4 * torch.sin(9 * at)[:, None] * torch.cos(7 * at))[None].float()
+
+    large = picture(side * factor)
+    known: dict[str, Any] = {} if axis is None else {"focal": 3000.0, "axis": axis}
+    crop = crop_object(large, [factor * each for each in box], **known)
+    small: dict[str, Any] = (
+        {} if axis is None else {"focal": 3000.0 / factor, "axis": tuple(each / factor for each in axis)}
+    )
+    assert_close(crop.image, crop_object(picture(side), box, **small).image, atol=4e-3, rtol=0)
+    of_bytes = crop_object((large * 255).round().byte(), [factor * each for each in box], **known)
+    assert_close(of_bytes.image, crop.image, atol=2e-3, rtol=0)

@@ -164,7 +164,7 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
         ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
         ({"box": (200, 0, 300, 150)}, "must lie in the image of 150x180 pixels"),
-        ({"photograph": torch.zeros(150, 180)}, r"must be a floating point tensor \(1 or 3, H, W\)"),
+        ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) of floating"),
     ],
 )
 def test_refuses(clean: Scene, changes: dict[str, Any], message: str) -> None:
