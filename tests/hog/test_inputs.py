@@ -81,11 +81,38 @@ def test_other_axes_are_refused_with_advice(shape: tuple[int, ...], advice: str)
 
 
 def test_other_images_are_refused() -> None:
-    with pytest.raises(TypeError, match=r"the mode L or RGB, got RGBA: image\.convert"):
+    with pytest.raises(TypeError, match=r"the mode L, RGB or I;16, got RGBA: image\.convert"):
         hog(Image.new("RGBA", (24, 16)), SPEC)
     for dtype in ("i8", "u2", "?", "c8", "O"):
         with pytest.raises(TypeError, match=r"^images must (be floats in 0…1|hold real numbers)"):
             hog(np.zeros((16, 24), dtype), SPEC)
+
+
+def test_pil_images_of_16_bits() -> None:
+    levels = photograph((16, 24))
+    deep = Image.fromarray((levels * 65535).round().astype(np.uint16))
+    np.testing.assert_allclose(hog(deep, SPEC), hog(levels, SPEC), atol=1e-3)
+
+
+def test_what_is_masked_is_not_described() -> None:
+    image = np.ma.array(photograph((16, 24)))
+    np.testing.assert_array_equal(hog(image, SPEC), hog(image.data, SPEC))
+    image[3, 4] = np.ma.masked
+    with pytest.raises(ValueError, match="masks some"):
+        hog(image, SPEC)
+
+
+@pytest.mark.parametrize("spec", [SPEC, presets.opencv(win_size=(16, 16))], ids=["paper", "opencv"])
+def test_signs_that_are_a_bit(spec: HOGSpec) -> None:
+    image = torch.rand(1, 1, 24, 24)
+    negative: torch.Tensor = torch._neg_view(-image)  # type: ignore[attr-defined]
+    assert negative.is_neg()
+    assert torch.equal(hog(negative, spec), hog(image, spec))
+    leaf = image.clone().requires_grad_()
+    cotangent = torch.rand_like(hog(image, spec))
+    (grad,) = torch.autograd.grad(hog(leaf, spec), leaf, cotangent)
+    (same,) = torch.autograd.grad(hog(leaf, spec), leaf, torch._neg_view(-cotangent))  # type: ignore[attr-defined]
+    assert torch.equal(same, grad)
 
 
 @pytest.mark.parametrize("batch", [None, 2])

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -170,3 +171,13 @@ def test_equal_specs_are_one_key() -> None:
 def test_is_immutable() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         presets.paper().bins = 18  # type: ignore[misc]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    size = np.arange(4, 9, 4)
+    assert presets.uoctti(cell_size=size[1]) == presets.uoctti(cell_size=8)
+    assert presets.paper(tuple(size)) == presets.paper((4, 8))
+    of_numpy = presets.skimage(orientations=np.int64(9), pixels_per_cell=(np.int32(8), np.int16(8)))
+    assert of_numpy == presets.skimage()
+    assert HOGSpec.from_json(of_numpy.to_json()) == of_numpy
+    assert presets.paper(epsilon=np.float32(0.5)).to_json() == presets.paper(epsilon=0.5).to_json()

@@ -88,7 +88,8 @@ def pil_pixels(name: str, image: Any) -> NDArray[Any]:
         return pixels
     if image.mode.startswith("I;16"):
         pixels = np.array(image).astype(np.float32)
-        return pixels / np.float32(65535)
+        pixels /= np.float32(65535)
+        return pixels
     # convert() clips numbers of more than 8 bits
     advice = "np.asarray(image), of floats in 0…1" if image.mode in ("I", "F") else "image.convert('RGB')"
     raise TypeError(f"{name} as a PIL image must have the mode L, RGB or I;16, got {image.mode}: {advice}")

@@ -21,6 +21,7 @@ from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
+from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,
     Objective,
@@ -100,6 +101,7 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
     return levels
 
 
+@in_plain_mode
 def reconstruct_multiscale(
     descriptors: Descriptors | Sequence[Descriptors],
     spec: HOGSpec | str,

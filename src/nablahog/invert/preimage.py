@@ -17,7 +17,7 @@ from ..hog.descriptor import hog
 from ..hog.inputs import ArrayImage, Descriptors
 from ..hog.presets import as_spec, uoctti
 from ..hog.spec import HOGSpec
-from ..runtime.pytorch import memory_for
+from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
     AsPublished,
     Objective,
@@ -53,6 +53,7 @@ VECTORS = 32  # of unknowns that the search of one image holds at most, all copi
 GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
 
+@in_plain_mode
 def reconstruct(
     descriptor: Descriptors,
     spec: HOGSpec | str,

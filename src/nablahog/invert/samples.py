@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
+from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_descriptor
 from .choices import QualityName
 from .learned import PriorChoice, as_priors
@@ -32,6 +33,7 @@ class Samples:
     agreement: Tensor
 
 
+@in_plain_mode
 def reconstruct_samples(
     descriptor: Tensor,
     spec: HOGSpec | str,

@@ -18,6 +18,7 @@ from ..hog.inputs import Descriptors, to_array
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
+from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_finite, descriptors_as_tensor
 from .histograms import at_nominal_contrast, searchable
 from .preimage import reconstruct
@@ -79,6 +80,7 @@ def template_descriptor(
     return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
 
 
+@in_plain_mode
 def reconstruct_template(
     weights: Descriptors,
     spec: HOGSpec | str,

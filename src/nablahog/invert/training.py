@@ -21,7 +21,7 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.files import check_file, replacing
 from ..io.learned_model import flat, fold_statistics, unfold_statistics, with_weights
-from ..runtime.pytorch import seeded
+from ..runtime.pytorch import in_plain_mode, seeded
 from .histograms import searchable
 from .learned import LearnedPrior, network_class
 from .prior_network import Architecture
@@ -47,6 +47,7 @@ def default_precision(device: torch.device) -> Precision:
     return "float32"
 
 
+@in_plain_mode
 def train_prior(
     images: Mapping[str, Tensor],
     spec: HOGSpec | str,

@@ -21,6 +21,7 @@ from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.images import exif_focal
 from ..render import Mesh
 from ..render.renderer import Method
+from ..runtime.pytorch import in_plain_mode
 from .ascent import momentum_ascent
 from .best_search import best_search
 from .crop import check_photograph, crop_object, masked, typical_camera
@@ -84,6 +85,7 @@ SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
 }
 
 
+@in_plain_mode
 def estimate_pose(
     photograph: Tensor | ArrayImage,
     models: Mesh | Mapping[str, Mesh],

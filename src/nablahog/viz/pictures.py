@@ -17,6 +17,7 @@ from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.orientation import bin_angles
 from ..hog.presets import as_spec
 from ..io.images import Picture, as_array, to_pil
+from ..runtime.pytorch import in_plain_mode
 
 CELL_PIXELS = 16  # height of a cell of glyphs
 STRIP_PIXELS = 2**21  # that are drawn at once, in float64
@@ -71,6 +72,7 @@ def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[n
     return strokes
 
 
+@in_plain_mode
 def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
