@@ -200,3 +200,10 @@ def test_no_azimuth() -> None:
             azimuth_error([0, bad], 0)
         with pytest.raises(ValueError, match="expected angles"):
             same_view(0, bad, 4)
+
+
+def test_what_is_masked_is_not_compared() -> None:
+    masked = np.ma.array(CAMERA, mask=CAMERA > 0.5)
+    for measure in (cross_correlation, mutual_information, ssim, psnr):
+        with pytest.raises(ValueError, match="masks some"):
+            measure(masked, CAMERA)

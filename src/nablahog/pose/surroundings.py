@@ -20,7 +20,8 @@ from torch.nn import functional
 
 from ..hog.box import Box
 from .background import coarse_background
-from .crop import FILL, SIDE, blurred, gray_means, reduction, resampled
+from .crop import FILL, SIDE
+from .crop_view import blurred, gray_means, reduction, resampled
 from .model import (
     VIEW_COUNT,
     PreparedModel,
