@@ -265,7 +265,8 @@ def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]
 
     >>> nablahog.metrics.rotation_error([[30, 0, 0], [10, 20, 0], [10, 0, 50]], [10, 0, 0]).round(6).tolist()
     [20.0, 20.0, 50.0]
-    >>> round(float(nablahog.metrics.rotation_error([90, 80, 0], [0, 80, 0])), 6)  # so it is near the pole, where the image turns by it
+    >>> near_the_pole = [90, 80, 0], [0, 80, 0]  # where the image turns by the difference of the azimuths
+    >>> round(float(nablahog.metrics.rotation_error(*near_the_pole)), 6)
     90.0
     """
     first, second = _rotations(estimate), _rotations(truth)

@@ -15,7 +15,7 @@ from ..hog.gradient import gray
 from ..render.conventions import turn_to
 
 MOST_PIXELS = 8  # of a photograph, or means of some, along a side of a pixel of a crop: its blur leaves no more apart
-STRIP = 2**22  # pixels that are averaged at once
+STRIP = 2**20  # pixels that are averaged at once
 _LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
 
 
