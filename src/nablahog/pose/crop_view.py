@@ -116,13 +116,15 @@ def gray_means(photograph: Tensor, factor: int) -> Tensor:
 
     The border repeats.  A strip at a time, so that it takes hardly more memory than the result.
     """
-    height, width = photograph.shape[1:]
-    rows = factor * max(1, STRIP // (factor * width))
-    means = []
-    for strip in (photograph[:, top : top + rows] for top in range(0, height, rows)):
+    channels, height, width = photograph.shape
+    means = torch.empty(channels, -(-height // factor), -(-width // factor))
+    rows = max(1, STRIP // (factor * width))  # of means at a time
+    for row in range(0, len(means[0]), rows):
+        strip = photograph[:, row * factor : (row + rows) * factor]
         beyond = (0, -width % factor, 0, -strip.shape[1] % factor)
-        means.append(functional.avg_pool2d(functional.pad(_floats(strip)[None], beyond, mode="replicate"), factor))
-    return gray(torch.cat(means, 2))[0]
+        padded = functional.pad(_floats(strip)[None], beyond, mode="replicate")
+        means[:, row : row + rows] = functional.avg_pool2d(padded, factor)[0]
+    return gray(means[None])[0]
 
 
 def _floats(photograph: Tensor) -> Tensor:
