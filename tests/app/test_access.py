@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+import nablahog
 from nablahog.app.access import HEADERS, AccessRules
 from nablahog.app.server import make_app
 
 from .conftest import HOST
+
+STATIC = Path(nablahog.__file__).parent / "app" / "static"
 
 
 @pytest.mark.parametrize(
@@ -20,6 +25,9 @@ from .conftest import HOST
         ({"host": "evil.example"}, 421),  # a name that now resolves to the loopback
         ({"origin": "http://evil.example"}, 403),
         ({"origin": "null"}, 403),
+        ({"host": "127.0.0.1:9000", "origin": "http://127.0.0.1:9000"}, 200),  # ssh -L 9000:localhost:8765
+        ({"host": "evil.example:8765"}, 421),
+        ({"origin": "https://hub.example", "x-forwarded-host": "hub.example"}, 200),  # a proxy in front
         ({"origin": f"http://{HOST}"}, 200),
         ({"sec-fetch-site": "cross-site"}, 403),
         ({"sec-fetch-site": "none"}, 200),
@@ -33,6 +41,14 @@ def test_other_sites_are_refused(client: TestClient, headers: dict[str, str], st
 
 def test_a_link_to_the_page_may_be_anywhere(client: TestClient) -> None:
     assert client.get("/", headers={"sec-fetch-site": "cross-site"}).status_code == 200
+
+
+def test_the_page_may_be_behind_a_path(client: TestClient) -> None:
+    """All addresses are relative: those at a host's root would be another page's."""
+    page = client.get("/").text
+    scripts = [path.read_text() for path in STATIC.glob("*.js")]
+    assert not re.findall(r'(?:src|href)="/', page)
+    assert not [script for script in scripts if re.search(r"""["'`]/(api|static)/""", script)]
 
 
 def test_sockets_of_other_sites_are_refused(client: TestClient) -> None:

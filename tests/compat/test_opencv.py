@@ -142,6 +142,15 @@ def test_locations(seed: int, locations: list[tuple[int, int]], win_stride: Any,
     assert_same(SMALL, crop(seed, 53, 47, colour=True), win_stride, padding, locations)
 
 
+def test_arrays_that_opencv_keeps_elsewhere() -> None:
+    cv2 = pytest.importorskip("cv2")
+    image, weights = crop(1, 128, 64, colour=True), np.linspace(-1, 1, 3781, dtype=np.float32)
+    hog = HOGDescriptor()
+    np.testing.assert_array_equal(hog.compute(cv2.UMat(image)), hog.compute(image))
+    hog.setSVMDetector(cv2.UMat(weights[:, None]) if hog.checkDetectorSize() else None)
+    np.testing.assert_array_equal(hog.svmDetector, weights)
+
+
 @pytest.mark.parametrize("size", [(128, 64), (200, 131), (131, 70)])
 @pytest.mark.parametrize("colour", [False, True])
 def test_the_defaults(size: tuple[int, int], colour: bool) -> None:

@@ -14,7 +14,15 @@ import numpy as np
 import pytest
 
 from nablahog.io.arrays import write_arrays
-from nablahog.io.files import ABANDONED, checkpoint_for, distinct_stems, output_folder, remove_parts, replacing
+from nablahog.io.files import (
+    ABANDONED,
+    checkpoint_for,
+    distinct_stems,
+    natural_order,
+    output_folder,
+    remove_parts,
+    replacing,
+)
 
 
 def test_replacing(tmp_path: Path) -> None:
@@ -162,3 +170,8 @@ def test_distinct_stems() -> None:
         [sys.executable, "-c", code, "naïve.png"], env=of_c, capture_output=True, text=True, check=True
     )
     assert os.fsencode(ast.literal_eval(told.stdout)[0]) == "naïve".encode()
+
+
+def test_natural_order() -> None:
+    names = ["10.png", "2.png", "b1", "a10", "a9", "1.png", "a9b2", "a9b10"]
+    assert sorted(names, key=natural_order) == ["1.png", "2.png", "10.png", "a9", "a9b2", "a9b10", "a10", "b1"]

@@ -7,6 +7,7 @@ the answers (DNS rebinding).  The browser names both in the headers Host and Ori
 from __future__ import annotations
 
 import hmac
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from urllib.parse import parse_qs
@@ -34,7 +35,8 @@ HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class AccessRules:
-    """The accepted values of the header Host; or, but on the loopback, a token that all requests must know."""
+    """The accepted names in the header Host, with any port, since one may be forwarded; or, but on the loopback, a
+    token that all requests must know."""
 
     hosts: frozenset[str]
     token: str | None
@@ -43,9 +45,11 @@ class AccessRules:
         """Status and sentence for a request that is not accepted; else None."""
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
-        if self.token is None and host not in self.hosts:
+        if self.token is None and _name(host) not in map(_name, self.hosts):
             return 421, f"this server answers to {', '.join(sorted(self.hosts))}, not to {host[:80]!r}"
-        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+        # a proxy in front names the host that it was asked for; a page of another site cannot set that header
+        asked = {host, headers.get("x-forwarded-host", host)}
+        if origin is not None and origin.partition("://")[2] not in asked:
             return 403, f"requests of other pages are refused, this one is of {origin[:80]!r}"
         asked_by = headers.get("sec-fetch-site", "same-origin")
         if asked_by not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere
@@ -56,6 +60,11 @@ class AccessRules:
             if not hmac.compare_digest(token.encode(), self.token.encode()):
                 return 401, "expected the address with its token, as the server printed it"
         return None
+
+
+def _name(host: str) -> str:
+    """A host without its port."""
+    return re.sub(r":\d*$", "", host)
 
 
 class AccessMiddleware:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import secrets
 import sys
 import tempfile
@@ -47,6 +48,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         if error.errno is not None and error.filename in (None, str(part)):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
+
+
+def natural_order(name: str) -> list[str | int]:
+    """A key to sort names by as people do: 2.png before 10.png."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
 def check_file(path: Path, expected: str) -> None:

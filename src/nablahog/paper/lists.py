@@ -14,7 +14,7 @@ from typing import Any
 
 from ..hog.box import Box
 from ..io.files import check_file
-from ..runtime.text import decoded, one_line
+from ..runtime.text import decoded, one_line, unguarded
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
@@ -159,7 +159,7 @@ def _of_csv(path: Path) -> list[ListedObject]:
         missing = [name for name in group if name not in rows[0].values]
         if missing and len(missing) < len(group):
             raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
-    return [_listed_object(number, row, row.text("image")) for number, row in enumerate(rows, 1)]
+    return [_listed_object(number, row, unguarded(row.text("image"))) for number, row in enumerate(rows, 1)]
 
 
 def _of_json(path: Path) -> list[ListedObject]:

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from ..io.files import write_text
 from ..jobs.store import Job, do_all
-from ..runtime.text import printable
+from ..runtime.text import guarded, printable
 from ..viz.html import Cell, Section, figure
 
 RESAMPLES = 10_000
-_FORMULAS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # the last are full-width
 
 
 @dataclass(frozen=True)
@@ -117,10 +116,7 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 
 def _cell(value: object) -> object:
-    if not isinstance(value, str):
-        return value
-    text = printable(value)
-    return f"'{text}" if text.startswith(_FORMULAS) else text
+    return guarded(printable(value)) if isinstance(value, str) else value
 
 
 def cell(of: Statistics, value: float | None, *more: str) -> Cell | None:

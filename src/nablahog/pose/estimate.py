@@ -119,8 +119,8 @@ def estimate_pose(
             is, by default as the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
         initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
-        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all: the
-            initial azimuth has no influence.
+        within: degrees of azimuth on both sides of the initial one that ``"best"`` begins from; by default all: the
+            initial azimuth has no influence.  The ascent from there may leave them.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
             the EXIF data of a PIL image says, as :func:`nablahog.io.images.read_exif_focal`; by default such that an
             object that fills its box is seen from three of its diagonals.
@@ -166,6 +166,8 @@ def estimate_pose(
         _check_option("similarity", similarity, SimilarityKind)
     if not 0 < within <= 180:
         raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    if within < 180 and method != "best":
+        raise ValueError(f"within limits the search 'best' alone, got {within!r} for method={method!r}")
     image, view = one_image(photograph), _checked_view(initial)
     lens = known_lens(photograph, focal, principal_point, image)
     check_photograph(image)

@@ -6,6 +6,7 @@ import codecs
 
 MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
+_FORMULAS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # the last are full-width
 
 
 def decoded(data: bytes) -> str:
@@ -29,6 +30,16 @@ def printable(text: str) -> str:
     return "".join(
         each if each.isprintable() else each.encode("unicode_escape", "surrogatepass").decode() for each in text
     )
+
+
+def guarded(text: str) -> str:
+    """``text`` with an apostrophe before what a spreadsheet would take for a formula."""
+    return f"'{text}" if text.startswith(_FORMULAS) else text
+
+
+def unguarded(text: str) -> str:
+    """What :func:`guarded` was given."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
 
 
 def one_line(message: object, most: int = MOST_CHARACTERS) -> str:

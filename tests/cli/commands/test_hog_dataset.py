@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,12 +72,25 @@ def test_what_is_done_is_kept(photos: Path, tmp_path: Path, monkeypatch: pytest.
 
 
 def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
-    (tmp_path / "list.txt").write_text(f"{photos / '2.png'}\n\n{photos / '5.png'}\n")
+    (tmp_path / "list.txt").write_text(f"{photos / '2.png'}\n\n{photos / '5.png'}\n", encoding="utf-16")
     inputs = [str(photos / "[01].png"), (photos / "3.png").as_uri(), f"@{tmp_path / 'list.txt'}"]
     assert main(["hog", *inputs, "-o", str(tmp_path / "o.parquet"), "--quiet"]) == 0
     assert [Path(row.path).name for row in DescriptorDataset(str(tmp_path / "o.parquet"))] == [
         f"{k}.png" for k in (0, 1, 3, 2, 5)
     ]
+
+
+def test_archives_and_brackets(photos: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
+        for k in (0, 1):
+            archive.write(photos / f"{k}.png", f"in/{k + 9}.png")
+    name = f"zip://in/*.png::{tmp_path / 'photos.zip'}"
+    out = str(tmp_path / "run[1].parquet")
+    for _ in range(2):  # the second time there is nothing to do
+        assert main(["hog", name, "-o", out, "--quiet"]) == 0
+    rows = list(DescriptorDataset(out))
+    assert [row.path.partition("::")[0] for row in rows] == ["zip://in/9.png", "zip://in/10.png"]
+    assert all(row.error is None for row in rows)
 
 
 def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:

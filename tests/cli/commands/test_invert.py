@@ -15,6 +15,7 @@ import nablahog
 from nablahog import hog, presets
 from nablahog.cli.commands import demo
 from nablahog.cli.main import main
+from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.images import read_image
 from tests.io.dpm_models import written
 
@@ -124,13 +125,26 @@ def test_a_model_of_voc_release5(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert page.count("data:image/png;base64,") == 2 * 4
 
 
+def test_a_detector_that_opencv_saved(tmp_path: Path) -> None:
+    hog = HOGDescriptor((32, 32), (16, 16), (8, 8), (8, 8), 9)
+    without = str(tmp_path / "without.yml")
+    hog.save(without)
+    hog.setSVMDetector(np.random.default_rng(0).normal(size=hog.getDescriptorSize() + 1))
+    hog.save(str(tmp_path / "detector.yml"))
+    out = tmp_path / "out"
+    assert main(["invert", str(tmp_path / "detector.yml"), without, "--template", "-o", str(out), "--quiet"]) == 3
+    assert {"detector_positive_preimage.png", "detector_negative_preimage.png"} <= set(names(out))
+    with Image.open(out / "detector_positive_preimage.png") as picture:
+        assert picture.size == (32, 32)
+
+
 def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> None:
     command = ["--template", "-o", str(tmp_path / "out")]
     text, odd, nothing = (tmp_path / name for name in ("weights.txt", "odd.npy", "nothing.npy"))
     text.write_text("1 2 3")
     np.save(odd, np.ones(17))
     np.save(nothing, -np.ones(3780))
-    refused("invert", str(text), *command, message=f"{text}: expected a model of voc-release5 (.mat) or an array")
+    refused("invert", str(text), *command, message=f"{text}: expected a model of voc-release5 (.mat), a HOG")
     refused("invert", str(odd), *command, "--preset", "opencv", message="odd.npy: the opencv descriptor")
     refused("invert", str(nothing), *command, message="has no positive weights of edges")
     refused("invert", people, *command, "--quality", "fast", message="--template and --quality fast exclude each other")

@@ -120,6 +120,8 @@ export async function* postEvents(path, body, signal) {
 
 /** @param {string} path */
 export function openSocket(path) {
-  const query = token ? `?${new URLSearchParams({ token })}` : "";
-  return new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}${query}`);
+  const url = new URL(path, location.href);
+  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+  if (token) url.searchParams.set("token", token);
+  return new WebSocket(url);
 }

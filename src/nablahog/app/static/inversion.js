@@ -19,7 +19,7 @@ export const methodName = (method) => Object.entries(METHODS).find(([id]) => id 
  * @returns {Promise<import("./types.js").InvertDone>}
  */
 export async function invert(body, signal, on) {
-  for await (const { event, data } of postEvents("/api/invert", body, signal)) {
+  for await (const { event, data } of postEvents("api/invert", body, signal)) {
     if (event === "queued") on.queued(data.waiting);
     else if (event === "start") on.start(data);
     else if (event === "frame") on.frame(data);

@@ -130,7 +130,7 @@ export class Invert {
     if (!start && this.#frame) {
       const frame = pngOf(this.#frame);
       start = (await this.#newest.run("Sends the last frame", (signal) =>
-        postFile("/api/photos", { name: "frame.png" }, frame, signal)))?.id;
+        postFile("api/photos", { name: "frame.png" }, frame, signal)))?.id;
     }
     if (start) await this.#run(start);
   }
@@ -260,8 +260,8 @@ export class Invert {
   async #descriptor() {
     const blob = await waiting("invert-progress", "Gets the descriptor", async (signal) => {
       /** @type {import("./types.js").Hog} */
-      const hog = await postJson("/api/hog", this.#asked, signal);
-      return getBlob(`/api/hog/${encodeURIComponent(hog.key)}/file`, signal);
+      const hog = await postJson("api/hog", this.#asked, signal);
+      return getBlob(`api/hog/${encodeURIComponent(hog.key)}/file`, signal);
     });
     if (blob) save(blob, `${this.#stem}.npz`);
   }

@@ -78,7 +78,7 @@ export class See {
     const result = await this.#newest.run("Computes the descriptor", async (signal) => {
       /** @type {[Promise<import("./types.js").Hog>, Promise<ImageBitmap | null>]} */
       const both = [
-        postJson("/api/hog", { ...this.app.source.named, ...this.app.dialect.value, size }, signal),
+        postJson("api/hog", { ...this.app.source.named, ...this.app.dialect.value, size }, signal),
         source.kind === "photo" ? this.app.source.picture(source.id, size, signal) : Promise.resolve(null),
       ];
       return Promise.all(both);
@@ -180,7 +180,7 @@ export class See {
     let cell = this.#cells.get(`${row},${col}`);
     if (!cell) {
       cell = await this.#newestCell.run("Reads the cell", (signal) =>
-        getJson(`/api/hog/${encodeURIComponent(key)}/cell?row=${row}&col=${col}`, signal));
+        getJson(`api/hog/${encodeURIComponent(key)}/cell?row=${row}&col=${col}`, signal));
       if (!cell || this.#hog?.key !== key) return;
       this.#cells.set(`${row},${col}`, cell);
     }
@@ -193,7 +193,7 @@ export class See {
     const hog = this.#hog;
     if (!hog) return;
     const blob = await waiting("see-progress", "Gets the descriptor", (signal) =>
-      getBlob(`/api/hog/${encodeURIComponent(hog.key)}/file`, signal));
+      getBlob(`api/hog/${encodeURIComponent(hog.key)}/file`, signal));
     if (blob) save(blob, `${stem(this.app.source.value?.name ?? "")}.npz`);
   }
 }

@@ -19,7 +19,7 @@ export class Session {
   open() {
     if (this.#socket?.readyState === WebSocket.OPEN) return Promise.resolve();
     this.close();
-    const socket = openSocket("/api/fit");
+    const socket = openSocket("api/fit");
     this.#socket = socket;
     socket.addEventListener("message", (event) => { if (socket === this.#socket) this.received(JSON.parse(event.data)); });
     return new Promise((resolve, reject) => {

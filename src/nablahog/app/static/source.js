@@ -72,7 +72,7 @@ export class SourceChooser extends EventTarget {
     const key = `${id} ${size}`;
     const known = this.#pictures.find((each) => each.key === key);
     if (known) return known.picture;
-    const picture = await pictureOf(await getBlob(`/api/photos/${encodeURIComponent(id)}?size=${size}`, signal));
+    const picture = await pictureOf(await getBlob(`api/photos/${encodeURIComponent(id)}?size=${size}`, signal));
     this.#pictures.push({ key, picture });
     if (this.#pictures.length > 8) this.#pictures.shift();
     return picture;
@@ -118,7 +118,7 @@ export class SourceChooser extends EventTarget {
       });
       place.append(button);
       void waiting("source-progress", "Loads the samples", (signal) =>
-        getBlob(`/api/photos/${encodeURIComponent(sample.id)}?size=160`, signal)).then((blob) => {
+        getBlob(`api/photos/${encodeURIComponent(sample.id)}?size=160`, signal)).then((blob) => {
         if (blob) image.src = URL.createObjectURL(blob);
       });
     }
@@ -178,7 +178,7 @@ export class SourceChooser extends EventTarget {
   async #upload(file) {
     /** @type {import("./types.js").PhotoInfo | undefined} */
     const photo = await this.#newest.run(`Sends ${file.name}`, (signal) =>
-      postFile("/api/photos", { name: file.name }, file, signal));
+      postFile("api/photos", { name: file.name }, file, signal));
     if (photo) this.#take({ kind: "photo", ...photo });
   }
 
@@ -189,7 +189,7 @@ export class SourceChooser extends EventTarget {
   async #describe(file, answers) {
     const result = await this.#newest.run(`Sends ${file.name}`, async (signal) => {
       try {
-        return await postFile("/api/descriptors", { name: file.name, ...answers }, file, signal);
+        return await postFile("api/descriptors", { name: file.name, ...answers }, file, signal);
       } catch (error) {
         if (!(error instanceof ServerError) || !error.answer?.question) throw error;
         return error;

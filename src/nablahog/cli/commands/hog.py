@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import sys
 from argparse import Namespace
@@ -14,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 from PIL import Image
 
 from ...io.descriptor_file import save_descriptor
-from ...io.files import output_folder
+from ...io.files import natural_order, output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
+from ...runtime.text import decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
@@ -158,7 +160,7 @@ def _paths(arguments: Namespace) -> list[str]:
             paths += _urls(name)
     for name in listed:
         try:
-            lines = Path(name).read_text(encoding="utf-8").splitlines()
+            lines = decoded(Path(name).read_bytes()).splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
         paths += [line.strip() for line in lines if line.strip()]
@@ -168,16 +170,23 @@ def _paths(arguments: Namespace) -> list[str]:
 
 
 def _urls(name: str) -> list[str]:
+    """The images of a URL: of a file, pattern or folder; each with the chain, as in ``zip://*.jpg::photos.zip``."""
     system, path = _storage(name)
     with as_user_error(f"{name}: "):
         if any(letter in path for letter in "*?["):
-            urls = sorted(map(str, system.glob(path)))
+            found = list(map(str, system.glob(path)))
         elif system.isdir(path):
-            urls = sorted(str(each) for each in system.ls(path, detail=False))
+            found = list(map(str, system.ls(path, detail=False)))
         else:
-            urls = [path]
-    endings = image_endings()
-    return [system.unstrip_protocol(each) for each in urls if Path(each).suffix.lower() in endings]
+            found = [path]
+        endings = image_endings()
+        images = sorted((each for each in found if Path(each).suffix.lower() in endings), key=natural_order)
+    protocol, _, others = name.partition("::")
+    if not others:
+        return [system.unstrip_protocol(each) for each in images]
+    if path and path in name:
+        return [name.replace(path, each, 1) for each in images]
+    return [f"{protocol.partition('://')[0]}://{each}::{others}" for each in images]
 
 
 def _storage(name: str) -> tuple[Any, str]:
@@ -196,7 +205,7 @@ def _check_empty(target: str, own: Sequence[str]) -> None:
     system, path = _storage(target)
     if system.exists(path) and not system.isdir(path):
         raise UserError(f"{target} is a file: a data set is a folder of files")
-    there = {Path(str(each)).name for each in system.glob(f"{path}/part-*{DATASET}")}
+    there = {Path(str(each)).name for each in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
     others = there - {Path(each).name for each in own}
     if others:
         raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")

@@ -22,7 +22,7 @@ from ...hog.descriptor import describe
 from ...hog.gradient import gray
 from ...io.arrays import is_archive, is_raw, naming
 from ...io.descriptor_file import StoredDescriptor, load_descriptor
-from ...io.files import distinct_stems
+from ...io.files import distinct_stems, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.pixels import MAX_BYTES
 from ..arguments.options import SIZE
@@ -42,7 +42,7 @@ ROWS = 1000  # of a data set, in memory at a time
 def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
     """The files that ``arguments.inputs`` stand for.
 
-    A folder stands for the files in it with one of the ``endings``, sorted by name, without hidden files and
+    A folder stands for the files in it with one of the ``endings``, in natural order, without hidden files and
     subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match, unless it is the name of a file.
     """
     paths: list[str] = []
@@ -57,7 +57,8 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
             files = _files(os.scandir(name), endings)
             reason = f"expected a file, or a folder of files of these kinds: {', '.join(sorted(endings))}"
         elif glob.has_magic(name) and not os.path.lexists(name):
-            files = sorted(path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
+            found = (path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
+            files = sorted(found, key=natural_order)
             reason = "no file matches this pattern"
         else:
             files, reason = [name], ""
@@ -72,11 +73,8 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
 
 
 def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
-    return sorted(
-        entry.path
-        for entry in entries
-        if not entry.name.startswith(".") and Path(entry.name).suffix.lower() in endings and not entry.is_dir()
-    )
+    visible = (entry for entry in entries if not entry.name.startswith(".") and not entry.is_dir())
+    return sorted((each.path for each in visible if Path(each.name).suffix.lower() in endings), key=natural_order)
 
 
 @contextmanager
@@ -84,16 +82,16 @@ def stdin_as_file() -> Iterator[str]:
     """The name of a temporary file that holds all of stdin; errors of the block name stdin instead."""
     if sys.stdin.isatty():
         raise ValueError("-: expected a file on stdin, got a terminal")
-    with tempfile.NamedTemporaryFile(prefix="nablahog-stdin-") as file:
-        size = file.write(sys.stdin.buffer.read(MAX_BYTES + 1))
-        file.flush()
+    with tempfile.TemporaryDirectory(prefix="nablahog-stdin-") as folder:  # Windows opens no open file again
+        file = Path(folder, "stdin")
+        size = file.write_bytes(sys.stdin.buffer.read(MAX_BYTES + 1))
         if not size or size > MAX_BYTES:
             got = "nothing" if not size else "more"
             raise ValueError(f"-: expected a file of 1 … {MAX_BYTES:,} bytes on stdin, got {got}")
         try:
-            yield file.name
+            yield str(file)
         except (ValueError, OSError) as error:
-            raise ValueError(str(error).replace(file.name, STDIN)) from None
+            raise ValueError(str(error).replace(str(file), STDIN)) from None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from ...jobs.store import JobResult
 from ...paper.lists import ListedObject
 from ...pose import PoseEstimate
 from ...render import PARAMETERS
+from ...runtime.text import guarded
 from ...viz import html
 from ...viz.pictures import Panel
 
@@ -163,7 +164,7 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
             row |= {name: one.figures[name] for name in figures}
             row |= dict(zip(matrix, chain(*one.figures["matrix"][:3]), strict=True))
             row["refused"] = one.refused
-        writer.writerow(row)
+        writer.writerow({name: guarded(value) if isinstance(value, str) else value for name, value in row.items()})
     return out.getvalue()
 
 

@@ -38,8 +38,14 @@ def margins(name: str, value: object) -> Size:
     return max(across, 0), max(down, 0)
 
 
+def from_umat(value: Any) -> Any:
+    """The array of a ``cv2.UMat``, which may be on a GPU; anything else as it is."""
+    return value.get() if type(value).__name__ == "UMat" else value
+
+
 def image(img: Any) -> NDArray[np.uint8]:
     """The image with its channels, (rows, cols, channels), contiguous."""
+    img = from_umat(img)
     if not isinstance(img, np.ndarray) or img.dtype != np.uint8:
         kind = img.dtype if isinstance(img, np.ndarray) else type(img).__name__
         raise TypeError(f"img must be an array of uint8, got {kind}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...hog import HOGSpec, presets
 from . import arguments, storage
-from .arguments import Size
+from .arguments import Size, from_umat
 from .storage import people_detector
 from .windows import Scheme, scheme
 
@@ -113,7 +113,7 @@ class Parameters:
             TypeError: it is no array of numbers.
             ValueError: it has another length than a descriptor, or one more.
         """
-        coefficients = np.asarray(() if svmdetector is None else svmdetector)
+        coefficients = np.asarray(() if svmdetector is None else from_umat(svmdetector))
         if coefficients.dtype.kind not in "fiu":
             raise TypeError(f"svmdetector must be an array of numbers, got {coefficients.dtype}")
         size = self.getDescriptorSize()
