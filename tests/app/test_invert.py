@@ -76,7 +76,9 @@ def test_a_template(client: TestClient) -> None:
     file = io.BytesIO()
     np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
     of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
-    assert events(client, descriptor=of["id"])[-1][0] == "done"
+    kind, done = events(client, descriptor=of["id"], seed=3)[-1]
+    assert (kind, done["lines"]["command"]) == ("done", "nablahog invert template.npy --template -o out --seed 3")
+    assert "reconstruct_template(weights, spec, (32, 32), seed=3)" in done["lines"]["python"]
 
 
 def test_refused_before_it_begins(client: TestClient) -> None:

@@ -11,7 +11,8 @@ import pytest
 import torch
 
 from nablahog.app import server
-from nablahog.app.requests import RequestError
+from nablahog.app.answers import lines_for_pose
+from nablahog.app.requests import PoseRequest, RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 
@@ -85,3 +86,9 @@ def test_there_is_no_circle_among_the_scripts() -> None:
     imports = {name: re.findall(r'^import .* from "\./(.+)";$', text, re.MULTILINE) for name, text in scripts.items()}
     assert imports["main.js"]
     TopologicalSorter(imports).prepare()  # raises CycleError, with the circle
+
+
+def test_lines_for_a_pose_have_its_seed() -> None:
+    lines = lines_for_pose(PoseRequest("photo", "mesh", seed=5), "chair.obj")
+    assert "seed=5" in lines["python"]
+    assert lines["command"].endswith("--seed 5")

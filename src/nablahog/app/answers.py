@@ -21,6 +21,7 @@ from .requests import HogRequest, InvertRequest, PoseRequest, spec_options
 
 PHOTO = "photo.png"
 DESCRIPTOR = "descriptor.npz"
+TEMPLATE = "template.npy"
 
 
 def png(picture: Picture, opacity: Picture | None = None) -> bytes:
@@ -59,6 +60,19 @@ def lines_for_hog(request: HogRequest, source: Source) -> dict[str, str]:
     return {"command": command, "python": "\n".join(_described(request))}
 
 
+def lines_for_template(request: InvertRequest, source: Source) -> dict[str, str]:
+    """The lines for the pre-image of a detector's template."""
+    seed = ["--seed", str(request.seed)] if request.seed else []
+    python = [
+        "import nablahog, numpy",
+        "from nablahog.invert import reconstruct_template",
+        f"weights = numpy.load({TEMPLATE!r})  # (rows, cols, channels) = {tuple(source.descriptor.shape)}",
+        f"spec = nablahog.HOGSpec.from_json({source.spec.to_json()!r})",
+        f"result = reconstruct_template(weights, spec, {source.image_size}, seed={request.seed})",
+    ]
+    return {"command": _command("invert", TEMPLATE, "--template", "-o", "out", *seed), "python": "\n".join(python)}
+
+
 def lines_for_inversion(request: InvertRequest, source: Source) -> dict[str, str]:
     """The lines for a pre-image."""
     own = request.photo is not None
@@ -85,11 +99,12 @@ def lines_for_pose(request: PoseRequest, mesh: str) -> dict[str, str]:
     seed = ["--seed", str(request.seed)] if request.seed else []
     parameters = {"box": request.box, "initial": request.initial}
     keywords = [f"{name}={tuple(value)}" for name, value in parameters.items() if value is not None]
+    keywords += [f"method={request.method!r}", *([f"seed={request.seed}"] if request.seed else [])]
     python = [
         "import nablahog, PIL.Image",
         f"photo = PIL.Image.open({PHOTO!r}).convert('RGB')",
         f"mesh = nablahog.sample_chairs()[{chair[1]!r}]" if chair else f"mesh = nablahog.load_mesh({mesh!r})",
-        f"pose = nablahog.estimate_pose({', '.join(['photo', 'mesh', *keywords, f'method={request.method!r}'])})",
+        f"pose = nablahog.estimate_pose({', '.join(['photo', 'mesh', *keywords])})",
         "print(pose)",
     ]
     command = _command("pose", PHOTO, "--mesh", mesh, "-o", "out", *box, *initial, *method, *seed)
