@@ -17,6 +17,7 @@ from nablahog.render import load_mesh
 from .mesh_files import CORNERS, CUBE_OFF, QUADS, VERTICES_OBJ, as_bytes, glb, write
 
 OFF_BODY = "\n".join([*CORNERS, *(f"4 {quad}" for quad in QUADS)]) + "\n"
+OFF_COUNTS = "8 6 0\n"
 RED = 0.299
 FACES = [[int(corner) + 1 for corner in quad.split()] for quad in QUADS]
 OBJ = VERTICES_OBJ + "".join("f " + " ".join(map(str, face)) + "\n" for face in FACES)
@@ -53,6 +54,9 @@ def _binary_ply(order: str) -> bytes:
     [
         ("glued.off", "OFF8 6 0\n" + OFF_BODY, 0.8),  # as ModelNet has it
         ("marked.off", "\ufeff" + CUBE_OFF, 0.8),
+        ("without_keyword.off", OFF_COUNTS + OFF_BODY, 0.8),
+        ("lower.off", "off\n" + OFF_COUNTS + OFF_BODY, 0.8),
+        ("wide.off", CUBE_OFF.encode("utf-16"), 0.8),
         ("a_line_each.off", "OFF\n8\n6\n0\n" + OFF_BODY, 0.8),
         ("without_edges.off", "OFF # remark\n\n8 6\n" + OFF_BODY, 0.8),
         ("normals.off", "NOFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 0 0 1"), 0.8),
@@ -62,6 +66,8 @@ def _binary_ply(order: str) -> bytes:
         ("a_table.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 3"), 0.8),
         ("tabs.obj", OBJ.replace(" ", "\t"), 0.8),
         ("indented.obj", "\r\n".join(f"  {line}\t# remark" for line in OBJ.splitlines()), 0.8),
+        ("marked.obj", "\ufeff" + OBJ, 0.8),
+        ("wide.obj", OBJ.encode("utf-16"), 0.8),
         ("old_mac.obj", OBJ.replace("\n", "\r"), 0.8),
         ("long_lines.obj", OBJ.replace("f 1", "f \\\n1"), 0.8),
         ("vertices.obj", OBJ.replace("\nf", " 1 0 0\nf", 1).replace("\nv", " 1 0 0\nv"), RED),

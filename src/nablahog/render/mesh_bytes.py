@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.text import decoded
 from .ply_file import header_of
 from .polygons import triangulated
 
@@ -59,12 +60,11 @@ def repair(data: bytes, kind: str) -> bytes:
 
 
 def as_utf8(text: bytes) -> bytes:
-    """``text`` in UTF-8; if it is not, it is taken for Latin-1: names and comments may have any encoding."""
+    """``text`` in UTF-8, without a mark; what is no Unicode is taken for Latin-1: remarks may have any encoding."""
     try:
-        text.decode("utf-8")
+        return decoded(text).encode()
     except UnicodeDecodeError:
-        return text.decode("latin-1").encode("utf-8")
-    return text
+        return text.decode("latin-1").encode()
 
 
 def _obj(data: bytes) -> bytes:

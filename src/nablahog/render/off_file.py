@@ -10,21 +10,23 @@ import numpy as np
 from .polygons import BRIGHTNESS, Floats, Soup, gray_of, soup_of
 
 # letters before the keyword: texture coordinates, colours, normals, and two that are not read
-_KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b", re.ASCII)
+_KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)\b", re.ASCII)
 _GLUED = re.compile(r"((?:ST)?C?N?4?n?OFF)(?=[\d-])", re.ASCII)  # ModelNet's OFF8 6 0
 
 
 def read_off(text: str) -> Soup:
     """The triangles of an OFF file, with the colours of its vertices (COFF) or behind its faces.
 
-    Numbers of colours are in 0…1, or integers in 0…255.  Remarks (#), empty lines and a byte order mark are skipped;
-    the counts may stand anywhere between the keyword and the first vertex.
+    Numbers of colours are in 0…1, or integers in 0…255.  Remarks (#) and empty lines are skipped.  The
+    keyword may be left out, and the counts may stand anywhere between it and the first vertex.
 
     Raises:
         ValueError: it does not begin with a keyword, is of another dimension or binary, or numbers are missing.
     """
-    lines = [line for line in (line.partition("#")[0].strip() for line in text.lstrip("\ufeff").splitlines()) if line]
+    lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     head = _GLUED.sub(r"\1 ", lines[0]) if lines else ""
+    if head[:1].isdigit():  # the keyword may be left out
+        head = f"OFF {head}"
     keyword = _KEYWORD.match(head)
     if keyword is None:
         raise ValueError("it does not begin with OFF, or COFF and the like")
