@@ -232,3 +232,14 @@ def test_an_exception_ends_the_search(clean: Scene) -> None:
 
     with pytest.raises(Enough):
         estimate_pose(clean[0], model(), box=clean[1], initial=(0, 20), watch=watch)
+
+
+@pytest.mark.parametrize(("initial", "within"), [(205.0, 5.0), (45.0, 12.0)])
+def test_no_azimuth_is_outside_of_the_bound(clean: Scene, initial: float, within: float) -> None:
+    """The true one, 215, is outside: the search ends at the bound, or before it."""
+    image, box = clean
+    found = estimate_pose(image, model(), box=box, initial=(initial, 15), within=within)
+    for one in (found, *found.runners_up):
+        assert degrees_between(one.azimuth, initial) <= within + 1e-9
+    with pytest.raises(ValueError, match="'best' alone"):
+        estimate_pose(image, model(), box=box, initial=(initial, 15), within=within, method="exhaustive")

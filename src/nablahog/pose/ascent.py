@@ -60,6 +60,7 @@ def quadratic_ascent(
     rounds: Sequence[Round],
     generator: torch.Generator,
     visit: Callable[[Tensor], None] = lambda pose: None,
+    bounded: Callable[[Tensor], Tensor] = lambda poses: poses,
 ) -> Tensor:
     """The maximum of a quadratic that is fitted again after each round of samples.
 
@@ -73,6 +74,7 @@ def quadratic_ascent(
         rounds: of samples.
         generator: of the directions.
         visit: called with the pose (6,) after each round.
+        bounded: moves poses (N, 6) to where they may be.
     """
     directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
@@ -85,6 +87,7 @@ def quadratic_ascent(
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
         weights = torch.exp(-0.5 * beyond**2)
         pose = pose + unit * _maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
+        pose = bounded(pose[None])[0]
         visit(pose)
     return pose
 

@@ -163,6 +163,7 @@ class BestSearch:
         """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
         pose = of.pose.clone()
         pose[[0, 1, 3]] = viewpoint
+        pose = self.problem.bounded(pose[None])[0]
         return of.moved(pose, self._value(of, pose, fine=True), self._value(of, pose, fine=False))
 
     def _estimate(
@@ -243,7 +244,7 @@ class BestSearch:
     def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
         poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
         poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
-        poses = self.problem.fit(self.problem.models[view.model], poses, view.photograph)
+        poses = self.problem.fit(self.problem.models[view.model], self.problem.bounded(poses), view.photograph)
         values = coarse.values(poses)
         self._count(len(poses))
         penalties = self.problem.penalty(poses, view.photograph)
@@ -254,7 +255,8 @@ class BestSearch:
 
     def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
         generator = torch.Generator().manual_seed(seed)
-        pose = quadratic_ascent(fine, start.pose, rounds, generator, partial(self._watch, start))
+        watch = partial(self._watch, start)
+        pose = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.bounded)
         value = float(fine.values(pose[None]))
         self._count(fine.renderings)
         penalty = float(self.problem.penalty(pose[None], start.photograph))

@@ -119,8 +119,8 @@ def estimate_pose(
             is, by default as the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
         initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
-        within: degrees of azimuth on both sides of the initial one that ``"best"`` begins from; by default all: the
-            initial azimuth has no influence.  The ascent from there may leave them.
+        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all: the
+            initial azimuth has no influence.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
             the EXIF data of a PIL image says, as :func:`nablahog.io.images.read_exif_focal`; by default such that an
             object that fills its box is seen from three of its diagonals.

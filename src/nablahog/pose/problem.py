@@ -212,6 +212,15 @@ class PoseProblem:
         """Which of the views around a model are searched, (VIEW_COUNT,), bool."""
         return allowed_azimuths(equidistant_azimuths(VIEW_COUNT), self.initial, self.within)
 
+    def bounded(self, poses: Tensor) -> Tensor:
+        """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one."""
+        if self.initial is None or self.within == 180:
+            return poses
+        bounded = poses.clone()
+        initial = self.initial[0]
+        bounded[:, 0] = initial + signed_angles(poses[:, 0] - initial).clamp(-self.within, self.within)
+        return bounded
+
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
         """What is subtracted from the similarities of poses (N, 6) for a crop in comparisons, (N,).
 
