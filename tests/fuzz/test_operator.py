@@ -110,12 +110,14 @@ def rounding_decides(case: Case) -> bool:
     1/√v of votes v near 0; magnitudes near the ends of the dtype; diagonals that are bin centres up to rounding.
     """
     spec, ties = case.spec, case.values not in ("noise", "not finite")
-    inexact = case.dtype == "float32" or (spec.vote == "linear" and spec.angle != "exact")
+    linear = "linear" in (spec.vote, spec.derivative)
+    moved = spec.bin_offset not in (0, 0.5)  # the centres of bins, by perhaps less than a rounding
+    inexact = case.dtype == "float32" or (linear and (spec.angle != "exact" or moved))
     if case.values in ("huge", "denormal"):
         return True
     if getattr(spec.normalizer, "form", "") == "L1-sqrt":
         return inexact or ties
-    return inexact and ties and "linear" in (spec.vote, spec.derivative)
+    return inexact and ties and linear
 
 
 def check(case: Case) -> str:
