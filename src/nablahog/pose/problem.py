@@ -37,8 +37,7 @@ class PoseEstimate:
         azimuth: degrees in 0…360 that the camera is turned about the object's vertical axis: 0 sees the front, 90 the
             object's left.
         elevation: degrees that the camera is above the object.
-        distance: from the camera to the object's origin, units of the mesh: of a normalised one, diagonals of its
-            bounding box.
+        distance: from the camera to the object's origin, units of the mesh: diagonals of a normalised one's box.
         theta: degrees that the picture is turned counter-clockwise.
         x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
         camera: that these are meant for; it sees the whole photograph, and looks straight at the object.
@@ -216,16 +215,13 @@ class PoseProblem:
         """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one."""
         if self.initial is None or self.within == 180:
             return poses
-        bounded = poses.clone()
-        initial = self.initial[0]
-        bounded[:, 0] = initial + signed_angles(poses[:, 0] - initial).clamp(-self.within, self.within)
-        return bounded
+        off = signed_angles(poses[:, 0] - self.initial[0]).clamp(-self.within, self.within)
+        return torch.cat([self.initial[0] + off[:, None], poses[:, 1:]], dim=1)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
         """What is subtracted from the similarities of poses (N, 6) for a crop in comparisons, (N,).
 
-        Few photographs are taken from high above, or with a tilted camera, or of something small.  A pose or a box
-        that is given says more: its part of the penalty is 0.
+        Few photographs are from high above, tilted, or of something small.  A pose or box that is given says more.
         """
         penalties = torch.zeros(len(poses), dtype=poses.dtype)
         if self.similarity not in (None, "calibrated"):
@@ -239,8 +235,8 @@ class PoseProblem:
     @cached_property
     def level_penalties(self) -> dict[float, float]:
         """Penalties of level views by their elevations, those to search at, degrees."""
-        level = {elevation: level_poses(torch.zeros(1), elevation) for elevation in self.elevations}
-        return {elevation: float(self.penalty(pose, self.photograph)) for elevation, pose in level.items()}
+        of_level = {each: level_poses(torch.zeros(1), each) for each in self.elevations}
+        return {each: float(self.penalty(pose, self.photograph)) for each, pose in of_level.items()}
 
     @property
     def tilts(self) -> tuple[float, ...]:
