@@ -311,3 +311,12 @@ def test_an_exception_ends_the_search(method: str) -> None:
     with pytest.raises(Enough):
         reconstruct(hog(torch.rand(1, 1, 32, 32), UOCTTI), UOCTTI, watch=watch, **METHODS[method])
     assert len(calls) == 2
+
+
+@BOTH
+def test_the_seed_decides(name: str) -> None:
+    spec = SPECS[name]
+    descriptor, few = hog(photograph(32), spec), Search(max_evaluations=30)
+    first, again, other = (reconstruct(descriptor, spec, seed=s, search=few).image for s in (0, 0, 1))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)

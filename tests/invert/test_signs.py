@@ -264,3 +264,20 @@ def test_contrast_is_stronger_in_the_light_and_highlights_are_small_and_bright()
     image = torch.full((1, 1, 32, 32), 0.2, dtype=torch.float64)
     image[..., 4::8, 4::8] = 1
     assert brightness_cues(image)[0, 3] > 1
+
+
+@pytest.mark.parametrize("bin_", [0, 4, 8])
+def test_votes_of_one_bin_point_to_its_centre(bin_: int) -> None:
+    votes = torch.zeros(1, 9, 2, 3, dtype=torch.float64)
+    votes[:, bin_] = 3.0
+    length, angle = dominant_gradient(votes, presets.paper(8))
+    torch.testing.assert_close(length, torch.full((1, 2, 3), 3.0, dtype=torch.float64))
+    turn = (angle - math.radians(20 * bin_ + 10)) / math.pi
+    torch.testing.assert_close(turn, turn.round())
+
+
+def test_energy_does_not_depend_on_the_votes_unit_and_the_image_does() -> None:
+    votes = random_votes(1, 5, 6)
+    one, many = (signed_cells(unit * votes, presets.paper(8), seed=0) for unit in (1.0, 1e4))
+    torch.testing.assert_close(one.energy, many.energy)
+    torch.testing.assert_close(1e4 * one.images[:, 0], many.images[:, 0])

@@ -161,6 +161,7 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     [
         ({"models": {}}, "at least one model, got none"),
         ({"method": "aubry"}, "method must be one of 'best', 'paper', 'paper-edges', 'exhaustive', got 'aubry'"),
+        ({"within": 10}, "expected initial, got within=10"),
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
         ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
         ({"box": (200, 0, 300, 150)}, "must lie in the image of 150x180 pixels"),

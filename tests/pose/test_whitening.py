@@ -132,6 +132,12 @@ def test_whitening_solves_for_sigma(photographs: Background) -> None:
     assert not photographs.whiten(photographs.template_mean(3, 4)[None]).any()
 
 
+@pytest.mark.parametrize("size", [(0, 1), (1, 7)])
+def test_templates_it_knows_nothing_of(photographs: Background, size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=r"must have 1…6 rows and columns of cells here, got \dx\d"):
+        photographs.template_covariance(*size)
+
+
 @pytest.mark.parametrize("templates", [torch.rand(1, 3, 3, 8), torch.zeros(1, 3, 3, 9).long()])
 def test_no_templates(photographs: Background, templates: Tensor) -> None:
     with pytest.raises(ValueError, match=r"templates must be floating-point tensors \(N, rows, cols, 9\), got "):

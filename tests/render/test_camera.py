@@ -54,6 +54,24 @@ def test_rotations_turn_and_do_not_mirror(numbers: tuple[float, ...]) -> None:
     assert_close(torch.linalg.cross(turn[0], turn[1]), turn[2], rtol=0, atol=1e-12)  # right x down is forward
 
 
+@pytest.mark.parametrize(
+    ("changed", "point", "axis", "sign"),
+    [
+        ({"azimuth": 10}, (0, -0.5, 0), 0, -1),  # the camera goes to its right, what is near to its left
+        ({"elevation": 10}, (0, -0.5, 0), 1, 1),  # the camera goes up, what is near down
+        ({"theta": 10}, (0.5, 0, 0), 1, -1),  # counter-clockwise: what is right goes up,
+        ({"theta": 10}, (0, 0, 0.5), 0, -1),  # and what is above to the left
+        ({"distance": 5}, (0.5, 0, 0), 0, -1),  # towards the middle
+        ({"x": 10}, (0, 0, 0), 0, 1),
+        ({"y": 10}, (0, 0, 0), 1, 1),
+    ],
+)
+def test_signs(changed: dict[str, float], point: tuple[float, float, float], axis: int, sign: int) -> None:
+    before, after = seen(point, pose(0)), seen(point, pose(**{"azimuth": 0, **changed}))
+    assert sign * (after[axis] - before[axis]) > 1
+    assert after[1 - axis] == pytest.approx(before[1 - axis], abs=1)
+
+
 @given(ANY_POSE)
 def test_motion_is_the_derivative_of_the_projection(numbers: tuple[float, ...]) -> None:
     at = pose(*numbers)

@@ -195,3 +195,12 @@ def test_loops_and_plain_python_merge_the_same(monkeypatch: pytest.MonkeyPatch) 
     assert 5 < len(np.unique(result)) < 250
     monkeypatch.setattr(native, "library", lambda: None)
     np.testing.assert_array_equal(collapse_edges(places, ends, 1.5), result)
+
+
+def test_triangles_of_no_area_are_dark_and_harmless() -> None:
+    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], dtype=torch.float64, requires_grad=True)
+    one = Mesh(vertices, torch.tensor([[0, 1, 2], [0, 1, 3], [1, 1, 3]]), torch.ones(4, dtype=torch.float64))
+    result = shaded(one)
+    assert_close(result[[0, 2]], torch.full((2, 3), 0.3, dtype=torch.float64))
+    (slope,) = torch.autograd.grad(result.sum(), vertices)
+    assert torch.isfinite(slope).all()

@@ -49,7 +49,8 @@ class AccessRules:
             return 421, f"this server answers to {', '.join(sorted(self.hosts))}, not to {host[:80]!r}"
         # a proxy in front names the host that it was asked for; a page of another site cannot set that header
         asked = {host, headers.get("x-forwarded-host", host)}
-        if origin is not None and origin.partition("://")[2] not in asked:
+        ours = {f"{scheme}://{each}" for scheme in ("http", "https") for each in asked}
+        if origin is not None and origin not in ours:
             return 403, f"requests of other pages are refused, this one is of {origin[:80]!r}"
         asked_by = headers.get("sec-fetch-site", "same-origin")
         if asked_by not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere

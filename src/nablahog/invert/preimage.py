@@ -33,7 +33,7 @@ from .histograms import NOISE, at_contrast, in_pairs, near_expected, recover_his
 from .learned import LearnedPrior, PriorChoice, Priors, as_priors
 from .priors import Prior, Range, RelativeSmoothness
 from .published import reconstruct_as_published
-from .reconstruction import Reconstruction, Watch, at_start, found, of_the_kind, parts, to_unit_range
+from .reconstruction import Reconstruction, Watch, at_start, of_the_kind, parts, reconstruction_of, to_unit_range
 from .search import PreimageSearch
 from .signs import negated, negatives
 from .unknowns import low_pass
@@ -210,7 +210,7 @@ def search_preimages(
         image = negated(image, negative)
     if dialect.gamma == "sqrt":
         image = image.square()
-    return replace(found(image, targets, dialect, searches), polarity_confidence=confidence)
+    return replace(reconstruction_of(image, targets, dialect, searches), polarity_confidence=confidence)
 
 
 class _Plan(NamedTuple):

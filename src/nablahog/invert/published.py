@@ -25,7 +25,7 @@ from ..runtime.pytorch import memory_for
 from .arguments import AsPublished
 from .histograms import noise, searchable
 from .priors import differences
-from .reconstruction import Account, Reconstruction, Watch, as_returned, found, parts
+from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, parts, reconstruction_of
 from .unknowns import from_cosines, to_cosines
 
 SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, where the descriptor leaves the contrast
@@ -78,7 +78,9 @@ def reconstruct_as_published(
     if options.keep_iterates:
         kept = torch.cat([search.iterates.flatten(0, 1) for search in searches])
         iterates = as_returned(kept, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
-    return replace(found(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates)
+    return replace(
+        reconstruction_of(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
+    )
 
 
 def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
@@ -93,7 +95,7 @@ def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where((start == start[..., :1, :1]).flatten(1).all(dim=1).reshape(-1, 1, 1, 1), grain, centred)
 
 
-class _Search(Account):
+class _Search(SearchRecord):
     """The minimisation of a part of a batch.  Gray values are around 0: a small contrast would be rounded at 0.5.
 
     Iterates (B, iterations + 1, 1, H, W) begin with the start; a search that has ended repeats its last.

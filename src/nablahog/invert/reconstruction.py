@@ -176,8 +176,8 @@ Watch: TypeAlias = Callable[[Iterate], None]
 """Called after each round of evaluations; an exception that it raises ends the search."""
 
 
-class Account:
-    """What the search of a part of a batch has spent and reached: evaluations (B,), distances, reasons to stop."""
+class SearchRecord:
+    """Evaluations (B,), distances and reasons to stop of the search of a part of a batch."""
 
     def __init__(self, descriptor: Tensor, dialect: HOGSpec, watch: Watch | None, part: slice) -> None:
         self.descriptor, self.dialect, self.watch, self.part = descriptor, dialect, watch, part
@@ -190,7 +190,9 @@ class Account:
             self.watch(Iterate(self.part, self.evaluations, distance, candidates, self.dialect))
 
 
-def found(image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[Account]) -> Reconstruction:
+def reconstruction_of(
+    image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[SearchRecord]
+) -> Reconstruction:
     """The result of the searches of all parts, its images (B, 1, H, W) in 0…1; to be completed."""
     length = max(int(search.evaluations.max()) for search in searches)
     return Reconstruction(

@@ -14,7 +14,7 @@ from ..optimize import MINIMISERS, Minimiser
 from ..runtime.pytorch import memory_for
 from .histograms import searchable
 from .priors import Prior
-from .reconstruction import Account, Watch, squared_norm
+from .reconstruction import SearchRecord, Watch, squared_norm
 from .unknowns import CosineBasis, FlatRegions
 
 VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
@@ -152,7 +152,7 @@ CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which waits for each report
 EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 at small ones
 
 
-class PreimageSearch(Account):
+class PreimageSearch(SearchRecord):
     """Searches images of given histograms or descriptors from given starts, several for each descriptor.
 
     ``max_evaluations`` are those of each descriptor, over all its images; ``part`` has the indices of the descriptors

@@ -57,17 +57,17 @@ def template_descriptor(
     torch.Size([1, 1, 32, 32])
     """
     dialect: HOGSpec = as_spec(spec)
-    given = descriptors_as_tensor(weights)
-    size: tuple[int, int] = image_size or dialect.image_size(*given.shape[1:3])
+    templates = descriptors_as_tensor(weights)
+    size: tuple[int, int] = image_size or dialect.image_size(*templates.shape[1:3])
     expected = (*dialect.grid(*size), dialect.channels)
-    if tuple(given.shape[1:]) != expected:
+    if tuple(templates.shape[1:]) != expected:
         raise ValueError(
             f"a template for {dialect.name} descriptors of images of {size[0]}x{size[1]} pixels must have shape "
-            f"{expected} (rows, cols, channels), got {tuple(given.shape[1:])}"
+            f"{expected} (rows, cols, channels), got {tuple(templates.shape[1:])}"
         )
-    check_finite("the weights", given)
+    check_finite("the weights", templates)
     of_bins = dialect.normalizer.bin_weights(
-        mean_over_colours(given.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
+        mean_over_colours(templates.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
     )
     histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():

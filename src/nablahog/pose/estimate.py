@@ -119,8 +119,8 @@ def estimate_pose(
             is, by default as the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
         initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
-        within: degrees of azimuth on both sides of the initial one that ``"best"`` searches; by default all: the
-            initial azimuth has no influence.
+        within: degrees of azimuth on both sides of the initial one that are searched, by ``"best"`` alone; by
+            default all: the initial azimuth has no influence.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
             the EXIF data of a PIL image says, as :func:`nablahog.io.images.read_exif_focal`; by default such that an
             object that fills its box is seen from three of its diagonals.
@@ -138,7 +138,7 @@ def estimate_pose(
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
             :mod:`.vote`; it counts only where it knows the class that the models are of.  By default
             that of chairs that comes with the package; None for none.
-        seed: of random samples.
+        seed: of the random samples of ``"best"``; the other methods have none.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
             :func:`.crop.crop_object`.  An exception that it raises ends the search.
@@ -166,6 +166,8 @@ def estimate_pose(
         _check_option("similarity", similarity, SimilarityKind)
     if not 0 < within <= 180:
         raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    if within < 180 and initial is None:
+        raise ValueError(f"within is the distance from the initial azimuth: expected initial, got within={within!r}")
     if within < 180 and method != "best":
         raise ValueError(f"within limits the search 'best' alone, got {within!r} for method={method!r}")
     image, view = one_image(photograph), _checked_view(initial)

@@ -159,8 +159,8 @@ def _glb(data: bytes) -> bytes:
             raise ValueError(f"it needs the file {uri[:200]!r}, and only GLB files that need no other are read")
     _check_sizes(header, len(data))
     _check_tree(header.get("nodes", ()))
-    given = {name: keys for name, keys in _GLB_PARTS.items() if name in header}
-    plain = {name: _only(header[name], keys) if keys else header[name] for name, keys in given.items()}
+    known = {name: keys for name, keys in _GLB_PARTS.items() if name in header}
+    plain = {name: _only(header[name], keys) if keys else header[name] for name, keys in known.items()}
     for mesh in plain.get("meshes", ()):
         mesh["primitives"] = _only(mesh["primitives"], _PRIMITIVE)
     if "materials" in header:

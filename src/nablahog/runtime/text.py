@@ -38,7 +38,7 @@ def guarded(text: str) -> str:
 
 
 def unguarded(text: str) -> str:
-    """What :func:`guarded` was given."""
+    """The text that :func:`guarded` made this of."""
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
 
 

@@ -93,6 +93,16 @@ def test_archives_and_brackets(photos: Path, tmp_path: Path) -> None:
     assert all(row.error is None for row in rows)
 
 
+def test_links_of_a_chain(photos: Path, tmp_path: Path) -> None:
+    """The path is put where it was, though its letters stand elsewhere in the URL, too."""
+    with zipfile.ZipFile(tmp_path / "p.zip", "w") as archive:
+        archive.write(photos / "0.png", "p/0.png")
+    cached = f"filecache::{photos.as_uri()}/[01].png"
+    out = str(tmp_path / "o.parquet")
+    assert main(["hog", f"zip://p::{tmp_path / 'p.zip'}", cached, "-o", out, "--quiet"]) == 0
+    assert [Path(row.path.partition(".png")[0]).name for row in DescriptorDataset(out)] == ["0", "0", "1"]
+
+
 def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
     one, other, bad, out = (
         str(tmp_path / name) for name in ("photos/0.png", "photos/1.png", "photos/x.png", "o.parquet")

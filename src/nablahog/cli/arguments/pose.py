@@ -98,7 +98,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=_degrees,
         default=180.0,
         metavar="DEGREES",
-        help="of azimuth on both sides of --init (default: 180)",
+        help="of azimuth on both sides of --init, for --method best (default: 180)",
     )
     command.add_argument(
         "--focal",

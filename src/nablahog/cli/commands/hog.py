@@ -181,12 +181,13 @@ def _urls(name: str) -> list[str]:
             found = [path]
         endings = image_endings()
         images = sorted((each for each in found if Path(each).suffix.lower() in endings), key=natural_order)
-    protocol, _, others = name.partition("::")
-    if not others:
+    links = name.split("::")
+    if len(links) == 1:
         return [system.unstrip_protocol(each) for each in images]
-    if path and path in name:
-        return [name.replace(path, each, 1) for each in images]
-    return [f"{protocol.partition('://')[0]}://{each}::{others}" for each in images]
+    # of a chain the link that holds the path: a cache passes on that of the store behind it
+    at = next((k for k, link in enumerate(links) if link.partition("://")[2].strip("/") == path.strip("/")), 0)
+    protocol = links[at].partition("://")[0]
+    return ["::".join([*links[:at], f"{protocol}://{each}", *links[at + 1 :]]) for each in images]
 
 
 def _storage(name: str) -> tuple[Any, str]:

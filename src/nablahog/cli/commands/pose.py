@@ -44,6 +44,8 @@ def pose(arguments: Namespace) -> int:
     """
     with as_user_error():
         objects, photos = _objects(arguments)
+        if arguments.within < 180 and all(one.initial is None for one in objects):
+            raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
         models = _models(arguments)
     folder = Path(arguments.output)
     inputs = [*photos, *filter(None, (arguments.annotations, arguments.mask)), *models.paths.values()]
@@ -218,7 +220,7 @@ class ObjectJob:
             meshes,
             box=box,
             initial=self.listed.initial,
-            within=options.within,
+            within=180.0 if self.listed.initial is None else options.within,
             focal=lens.focal,
             principal_point=lens.principal_point,
             method=options.method,
