@@ -11,11 +11,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
+from torch.overrides import TorchFunctionMode
 from torch.testing import assert_close
+from torch.utils._pytree import tree_leaves
 
 from nablahog.hog import HOG, HOGSpec, hog, operators, presets
 from nablahog.hog.descriptor import Backend, histograms
 from nablahog.hog.kernels import supports
+from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from .zoo import PRESETS, SPECS, fits, integers, noise
 
@@ -105,6 +108,24 @@ def test_meta_tensors_have_the_shape(name: str, layout: Any) -> None:
     descriptor.sum().backward()
     assert on_meta.grad is not None
     assert on_meta.grad.shape == image.shape
+
+
+class NothingCopied(TorchFunctionMode):
+    """Fails where numbers of Python become a tensor: a GPU waits for the copy, and no CUDA graph takes it."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        assert func not in (torch.tensor, torch.as_tensor, torch.from_numpy, Tensor.new_tensor)
+        if func in (Tensor.__getitem__, Tensor.__setitem__):
+            assert not any(isinstance(each, list) for each in tree_leaves(args[1], is_leaf=lambda x: type(x) is list))
+        return func(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_steps_copy_nothing_to_a_device(name: str) -> None:
+    s = SPECS[name]
+    image = noise(1, s.colours if s.colours > 1 else 1, *s.image_size(3, 3)).requires_grad_()
+    with NothingCopied():
+        normalize_reference(histograms_reference(image, s), s).sum().backward()
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")

@@ -126,7 +126,7 @@ class BilinearCells(Pooling):
         matrix = triangles(max(last, pixels), cell, cells, like)
         matrix[:, last:] = 0
         if ring:
-            matrix[:, [0, last - 1]] = 0
+            matrix[:, 0] = matrix[:, last - 1] = 0
         if last > pixels:  # DPM: what the image lacks is its last pixel that votes, again
             of_last = max(pixels - 1 - ring, 0)
             matrix[:, of_last] += matrix[:, of_last + 1 :].sum(dim=1)
@@ -196,7 +196,7 @@ class BoxCells(Pooling):
         own = torch.div(pixel, cell, rounding_mode="floor").clamp(max=cells)
         matrix = matrix.scatter_(0, own.unsqueeze(0), weights.unsqueeze(0))[:-1]
         if ring:
-            matrix[:, [0, -1]] = 0
+            matrix[:, 0] = matrix[:, -1] = 0
         return matrix
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
@@ -256,7 +256,7 @@ class BlockCells(Pooling):
             of_block[:, k * step : k * step + block] = weights
         matrix = matrix.flatten(0, 1)
         if ring:
-            matrix[:, [0, -1]] = 0
+            matrix[:, 0] = matrix[:, -1] = 0
         return matrix
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:

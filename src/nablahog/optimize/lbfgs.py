@@ -120,8 +120,7 @@ class Vectors:
     def keep(self, rows: Tensor) -> None:
         """Keeps only the problems ``rows`` (A',), on the CPU, most of which are where they will be."""
         moved = (rows != torch.arange(len(rows))).nonzero().squeeze(1)
-        device = self._all.device
-        self._all[moved.to(device)] = self._all[rows[moved].to(device)]
+        self._all[moved.to(self._all.device, non_blocking=True)] = of_rows(self._all, rows[moved])
         self._all = self._all[: len(rows)]
         self._name_rows(self.x.shape[1])
         self._newest, self.slopes, self.peaks = (

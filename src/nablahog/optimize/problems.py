@@ -163,7 +163,7 @@ def array_namespace(numbers: Numbers) -> ModuleType:
 
 def of_rows(numbers: Numbers, rows: Tensor) -> Numbers:
     """Some rows (A',), given on the CPU, of numbers (A, …)."""
-    return numbers[rows.to(numbers.device) if isinstance(numbers, Tensor) else rows.numpy()]
+    return numbers[rows.to(numbers.device, non_blocking=True) if isinstance(numbers, Tensor) else rows.numpy()]
 
 
 def may_hold(mask: Numbers) -> bool:
@@ -268,7 +268,7 @@ class Running:
         for problem, code in zip(self._problems[rows].tolist(), codes[rows].tolist(), strict=True):
             if code:
                 self._reasons[problem] = _REASONS[code - 1]
-        rows = rows.to(self.index.device)
+        rows = rows.to(self.index.device, non_blocking=True)
         index = self.index[rows]
         self._x[index], self._values[index] = x[rows], torch.as_tensor(values)[rows]
         self._spent[index] = torch.as_tensor(self.evaluations)[rows]

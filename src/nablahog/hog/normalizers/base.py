@@ -162,4 +162,4 @@ def root(values: Tensor) -> Tensor:
 
 def clipped(entries: Tensor, clip: float) -> Tensor:
     """At most ``clip``; where equal, with the mean of the one-sided derivatives, which ``clamp`` has not."""
-    return entries.minimum(entries.new_tensor(clip))
+    return entries.minimum(entries.new_full((), clip))  # a number that is made on the device

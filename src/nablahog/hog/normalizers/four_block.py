@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
 from .base import Footprint, Normalizer, clipped, root
@@ -22,6 +23,7 @@ VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it fo
 DPM_TEXTURE = 0.2357  # the same, to four decimals
 BLOCKS = ("up-left", "up-right", "down-left", "down-right")
 DPM_ORDER = [3, 1, 2, 0]  # of the blocks
+in_dpm_order = itemgetter(*DPM_ORDER)
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ class FourBlockNorm(Normalizer):
             "texture": lambda: (
                 blocks(undirected).sum(dim=2) * VLFEAT_TEXTURE
                 if self.texture == "vlfeat"
-                else blocks(histograms).sum(dim=2)[:, DPM_ORDER] * DPM_TEXTURE
+                else torch.stack(in_dpm_order(blocks(histograms).sum(dim=2).unbind(1)), dim=1) * DPM_TEXTURE
             ),
             "blocks": lambda: blocks(undirected).flatten(1, 2),
             "zero": lambda: torch.zeros_like(histograms[:, :1]),
@@ -141,7 +143,7 @@ class FourBlockNorm(Normalizer):
         energy = energy[..., :-1] + energy[..., 1:]
         energy = energy[..., :-1, :] + energy[..., 1:, :]  # of blocks around cell corners: (B, 1, rows+1, cols+1)
         if self.floor:
-            factor = 1 / torch.maximum(root(energy), energy.new_tensor(self.epsilon))
+            factor = 1 / torch.maximum(root(energy), energy.new_full((), self.epsilon))
         else:
             factor = torch.rsqrt(energy + self.epsilon)
         if self.outside == "missing":

@@ -114,7 +114,7 @@ class CellNorm(PerCell):
         import torch
 
         length = root(histograms.square().sum(dim=1, keepdim=True))
-        return histograms / torch.maximum(length, length.new_tensor(self.epsilon))
+        return histograms / torch.maximum(length, length.new_full((), self.epsilon))
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε."""
