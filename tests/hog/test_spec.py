@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -176,7 +177,12 @@ def test_is_immutable() -> None:
 def test_numbers_of_numpy_are_numbers() -> None:
     size = np.arange(4, 9, 4)
     assert presets.uoctti(cell_size=size[1]) == presets.uoctti(cell_size=8)
-    assert presets.paper(tuple(size)) == presets.paper((4, 8))
+    assert (
+        presets.paper(size)
+        == presets.paper(tuple(size))
+        == presets.paper(torch.tensor([4, 8]))
+        == presets.paper((4, 8))
+    )
     of_numpy = presets.skimage(orientations=np.int64(9), pixels_per_cell=(np.int32(8), np.int16(8)))
     assert of_numpy == presets.skimage()
     assert HOGSpec.from_json(of_numpy.to_json()) == of_numpy

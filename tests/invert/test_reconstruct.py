@@ -317,6 +317,6 @@ def test_an_exception_ends_the_search(method: str) -> None:
 def test_the_seed_decides(name: str) -> None:
     spec = SPECS[name]
     descriptor, few = hog(photograph(32), spec), Search(max_evaluations=30)
-    first, again, other = (reconstruct(descriptor, spec, seed=s, search=few).image for s in (0, 0, 1))
+    first, again, other = (reconstruct(descriptor, spec, seed=s, search=few).image for s in (0, np.int64(0), 1))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)

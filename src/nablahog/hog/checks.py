@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numbers
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -34,10 +33,10 @@ def check_fields(part: object, *others: str) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Numbers of NumPy as those of Python, and lists as tuples."""
-    if isinstance(value, tuple | list):
-        return tuple(map(_plain, value))
-    return value.item() if isinstance(value, numbers.Number) and hasattr(value, "item") else value
+    """Numbers of NumPy and PyTorch as those of Python; lists and arrays as tuples."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, tuple | list) else value
 
 
 def _check_of(kind: Any) -> Callable[[str, object], None] | None:
@@ -79,7 +78,8 @@ def _is_side(value: object) -> bool:
 
 def pair(size: int | tuple[int, int]) -> tuple[int, int]:
     """One number for both sides, or (height, width)."""
-    return size if isinstance(size, tuple | list) else (size, size)
+    sides = _plain(size)
+    return sides if isinstance(sides, tuple) else (sides, sides)
 
 
 def shortened(value: object) -> str:

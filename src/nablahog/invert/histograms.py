@@ -173,7 +173,7 @@ def starting_images(
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:
     """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(int(seed))
     unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
     return (unit * spread).to(like)
 

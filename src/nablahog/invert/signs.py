@@ -144,7 +144,7 @@ def _background(votes: Tensor) -> Tensor:
 
 def _relax(energy: Tensor, seed: int) -> Tensor:
     """(B, n, n) to unit vectors (B, n, DIMENSION) of low Σ_ij Q_ij v_i·v_j."""
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(int(seed))
     vectors = torch.randn(1, energy.shape[1], DIMENSION, generator=generator, dtype=torch.float64)
     vectors = normalize(vectors.to(energy).expand(len(energy), -1, -1), dim=2)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 whatever s
@@ -157,7 +157,7 @@ def _relax(energy: Tensor, seed: int) -> Tensor:
 def _round(energy: Tensor, vectors: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     """Signs (B, ROUNDINGS, n) and their energies (B, ROUNDINGS), lowest first."""
     n, dimension = vectors.shape[1:]
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(int(seed))
     planes = torch.randn(1, dimension, ROUNDINGS, generator=generator, dtype=torch.float64).to(vectors)
     signs = torch.where((vectors @ planes).mT < 0, -1.0, 1.0).to(energy)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))

@@ -16,7 +16,7 @@ from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, SAMPLEFORMAT
 
 MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
-STRIP = 256  # rows that are converted at once
+STRIP = 2**19  # pixels that are converted at once
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
@@ -73,7 +73,7 @@ def has_8_bits(image: Image.Image) -> bool:
 
 
 def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
-    """Strips (rows, W, C) of at most :data:`STRIP` rows, in 0…1, from the top; C is 1 for gray images, or 3.
+    """Strips (rows, W, C) of some rows, in 0…1, from the top; C is 1 for gray images, or 3.
 
     Raises:
         ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
@@ -109,8 +109,9 @@ def _largest_of_floats(lowest: float, highest: float) -> int:
 
 
 def _strips(image: Image.Image) -> Iterator[Image.Image]:
-    for y in range(0, image.height, STRIP):
-        yield image.crop((0, y, image.width, min(y + STRIP, image.height)))
+    rows = max(1, STRIP // image.width)
+    for y in range(0, image.height, rows):
+        yield image.crop((0, y, image.width, min(y + rows, image.height)))
 
 
 def _numbers(image: Image.Image, kind: type[np.generic] | None) -> Iterator[NDArray[Any]]:

@@ -15,7 +15,7 @@ from ..hog.gradient import gray
 from ..render.conventions import turn_to
 
 MOST_PIXELS = 8  # of a photograph, or means of some, along a side of a pixel of a crop: its blur leaves no more apart
-STRIP = 2**20  # pixels that are averaged at once
+STRIP = 2**20  # pixels that are averaged or blurred at once
 _LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
 
 
@@ -137,4 +137,9 @@ def blurred(image: Tensor, sigma: float) -> Tensor:
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     taps = taps / taps.sum()
     padded = functional.pad(image, (reach,) * 4, mode="replicate")
-    return functional.conv2d(functional.conv2d(padded, taps.view(1, 1, 1, -1)), taps.view(1, 1, -1, 1))
+    result, rows = torch.empty_like(image), max(1, STRIP // image.shape[3])
+    for row in range(0, image.shape[2], rows):  # at a time
+        strip = padded[:, :, row : row + rows + 2 * reach]
+        across = functional.conv2d(strip, taps.view(1, 1, 1, -1))
+        result[:, :, row : row + rows] = functional.conv2d(across, taps.view(1, 1, -1, 1))
+    return result

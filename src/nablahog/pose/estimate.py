@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
@@ -194,7 +195,7 @@ def estimate_pose(
         # a default that does not count need not be read
         viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
-        generator=torch.Generator().manual_seed(seed),
+        generator=torch.Generator().manual_seed(int(seed)),
         progress=progress,
         watch=watch,
     )
@@ -212,7 +213,7 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
             raise ValueError("focal='exif' needs a PIL image whose EXIF data has a focal length, and that was not cut")
-    if isinstance(focal, bool) or not isinstance(focal, int | float) or not 0 < focal < math.inf:
+    if isinstance(focal, bool) or not isinstance(focal, Real) or not 0 < focal < math.inf:
         raise ValueError(f"focal must be a finite number of pixels above 0, or 'exif', got {focal!r}")
     if principal_point is None:
         return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)

@@ -92,11 +92,10 @@ class Camera:
 
 def check_poses(poses: Tensor) -> None:
     """Raises ValueError unless ``poses`` is a finite (B, 6) floating point tensor, B ≥ 1, with distances above 0."""
-    if poses.dim() != 2 or not len(poses) or poses.shape[1] != len(PARAMETERS) or not poses.is_floating_point():
-        raise ValueError(
-            f"poses must be a floating point tensor (B, 6) of {', '.join(PARAMETERS)}, "
-            f"got {poses.dtype} of shape {tuple(poses.shape)}"
-        )
+    is_tensor = isinstance(poses, Tensor)
+    if not is_tensor or poses.dim() != 2 or not len(poses) or poses.shape[1] != 6 or not poses.is_floating_point():
+        got = f"{poses.dtype} of shape {tuple(poses.shape)}" if is_tensor else type(poses).__name__
+        raise ValueError(f"poses must be a floating point tensor (B, 6) of {', '.join(PARAMETERS)}, got {got}")
     if not torch.isfinite(poses).all() or not (poses[:, 2] > 0).all():
         raise ValueError("poses must be finite, and their distances above 0")
 
