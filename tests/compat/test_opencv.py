@@ -215,14 +215,54 @@ def test_images_are_refused(image: Any, error: type[Exception], words: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "words"),
+    "options",
     [
-        ({"winStride": (8, 0)}, ValueError, "winStride must be at least 1"),
-        ({"winStride": 8}, TypeError, "winStride must be a pair"),
-        ({"padding": (8.0, 8)}, TypeError, "padding must be a pair"),
-        ({"locations": [(0.5, 0)]}, TypeError, "locations must be pairs"),
+        {"winStride": None, "padding": None, "locations": None},
+        {"winStride": [8, np.uint8(8)], "padding": (None, 8)},
+        {"padding": np.array([-8, 8], np.int16), "locations": []},
+        {"locations": [None, (16, 8)]},
+        {"locations": np.array([[0, 0], [16, 8]], np.uint8)},
     ],
 )
-def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        HOGDescriptor().compute(crop(0, 128, 64, colour=False), **options)
+def test_odd_options(options: dict[str, Any]) -> None:
+    image = crop(0, 160, 96, True)
+    expected = cv2.HOGDescriptor().compute(image, **options)
+    assert np.abs(HOGDescriptor().compute(image, **options) - expected).max() <= TOLERANCE
+
+
+def test_what_crashes_opencv_is_refused() -> None:
+    with pytest.raises(ValueError, match="winStride must be at least 1"):
+        HOGDescriptor().compute(crop(0, 160, 96, True), winStride=(8, 0))
+
+
+@pytest.mark.parametrize("pair", [8, (8, 8, 8), (True, 8), (np.True_, 8), (8.0, 8), ("8", 8), (2**31, 8), {8: 8}])
+@pytest.mark.parametrize("name", ["winStride", "padding", "locations"])
+def test_options_are_refused(name: str, pair: Any) -> None:
+    image, options = crop(0, 160, 96, True), {name: [pair] if name == "locations" else pair}
+    with pytest.raises(TypeError, match="must be a pair"):
+        HOGDescriptor().compute(image, **options)
+    with pytest.raises(cv2.error):
+        cv2.HOGDescriptor().compute(image, **options)
+
+
+def test_locations_in_a_umat_are_refused() -> None:
+    corners = cv2.UMat(np.zeros((1, 2), np.int32))
+    for each, error in ((HOGDescriptor, TypeError), (cv2.HOGDescriptor, cv2.error)):
+        with pytest.raises(error, match="locations"):
+            each().compute(crop(0, 160, 96, True), locations=corners)
+
+
+@pytest.mark.parametrize("place", range(5, 12))
+@pytest.mark.parametrize("argument", [None, np.int64(1), np.float32(1), True, np.True_, 1.5, "1", np.array(1)])
+def test_odd_constants(place: int, argument: Any) -> None:
+    """Each is taken or refused as by OpenCV."""
+    arguments = [*SMALL, 1, -1.0, 0, 0.2, True, 64, False]
+    arguments[place] = argument
+    try:
+        theirs = cv2.HOGDescriptor(*arguments)
+    except cv2.error:
+        with pytest.raises(TypeError):
+            HOGDescriptor(*arguments)
+        return
+    ours = HOGDescriptor(*arguments)
+    assert [getattr(ours, name) for name in NAMES] == [getattr(theirs, name) for name in NAMES]

@@ -105,6 +105,12 @@ def test_views_and_lists() -> None:
     read_only = image[..., 0].copy()
     read_only.flags.writeable = False
     assert_same(read_only, pixels_per_cell=[np.int64(8), 8], cells_per_block=np.array([2, 2]), orientations=np.int64(9))
+    assert_same(read_only, pixels_per_cell=(np.float32(8), 8.0), cells_per_block=range(1, 3))
+    for axis in (np.int8(2), (2,), np.array([-1])):
+        assert_same(image, channel_axis=axis)
+    for size in ((8.5, 8), (8, 8, 8), (None, 8), "88"):
+        with pytest.raises(TypeError, match="pixels_per_cell must be two whole numbers"):
+            hog(image[..., 0], pixels_per_cell=size)
 
 
 def test_gradients_off_a_boundary_by_rounding() -> None:

@@ -117,9 +117,10 @@ def hog(
     >>> image.grad.shape
     torch.Size([64, 64])
     """
-    bins, cell, block = operator.index(orientations), _sides(pixels_per_cell), _pair(cells_per_block)
+    bins = operator.index(orientations)
     if bins < 1:
         raise ValueError(f"orientations must be at least 1, got {bins}")
+    cell, block = _pair("pixels_per_cell", pixels_per_cell, "biuf"), _pair("cells_per_block", cells_per_block, "iu")
     # its bins do not count: other dialects have no fewer than three
     spec = presets.skimage(
         pixels_per_cell=cell,
@@ -148,16 +149,12 @@ def hog(
     return (results[0], results[1]) if visualize else results[0]
 
 
-def _pair(sizes: Sequence[int]) -> tuple[int, int]:
-    """Two integers, also of NumPy, in a tuple or a list."""
-    first, second = sizes
-    return operator.index(first), operator.index(second)
-
-
-def _sides(sizes: Sequence[float]) -> tuple[int, int]:
-    """Two integers, also as floats."""
-    first, second = (int(side) if isinstance(side, float) and side.is_integer() else side for side in sizes)
-    return _pair((first, second))  # type: ignore[arg-type]
+def _pair(name: str, sides: Sequence[float], kinds: str) -> tuple[int, int]:
+    """Two whole numbers, stored as one of NumPy's ``kinds``."""
+    pair = np.asarray(tuple(sides))
+    if pair.shape != (2,) or pair.dtype.kind not in kinds or (pair != pair.round()).any():
+        raise TypeError(f"{name} must be two whole numbers, got {sides!r}")
+    return int(pair[0]), int(pair[1])
 
 
 def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
@@ -181,7 +178,8 @@ def _tensor(image: Tensor) -> Tensor:
 
 def _planes(values: Image, channel_axis: int | None) -> Image:
     """The image's channels (C, M, N)."""
-    axis = None if channel_axis is None else operator.index(channel_axis)
+    # None or an integer, also as the only one of a tuple or an array
+    axis = None if channel_axis is None else operator.index(np.atleast_1d(channel_axis)[0])
     if axis is not None and not -values.ndim <= axis < values.ndim:
         raise np.exceptions.AxisError(axis, values.ndim, "channel_axis")
     if values.ndim != (2 if axis is None else 3):  # in the words of scikit-image

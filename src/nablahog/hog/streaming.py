@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -93,7 +92,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) ->
     """
     spec = as_spec(spec)
     reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)
-    if not isinstance(memory, Integral) or memory < 1:
+    if not isinstance(memory, int | np.integer) or memory < 1:
         raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")
     height, width, _ = reader.shape
     double = reader.stored == np.float64 or (reader.stored == np.uint8 and torch.get_default_dtype() == torch.float64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import copy
 from ctypes import c_bool, c_double, c_int64, c_void_p
 from functools import cached_property
-from numbers import Integral
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -90,7 +89,7 @@ class Renderer:
     ) -> None:
         if method not in ("edges", "opendr"):
             raise ValueError(f"method must be 'edges' or 'opendr', got {method!r}")
-        if not isinstance(supersampling, Integral) or not 1 <= supersampling <= 16:
+        if not isinstance(supersampling, int | np.integer) or not 1 <= supersampling <= 16:
             raise ValueError(f"supersampling must be an integer from 1 to 16, got {supersampling!r}")
         self.mesh, self.camera, self.light = mesh, camera, light
         self.method, self.supersampling = method, supersampling

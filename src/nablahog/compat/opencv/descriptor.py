@@ -131,16 +131,18 @@ class HOGDescriptor(Parameters):
 
         Raises:
             TypeError: the image is no array of uint8, or a padding is not of integers.
-            ValueError: the image is of another shape.
+            ValueError: the image is of another shape, or a padding is negative.
         """
-        before, after = arguments.margins("paddingTL", paddingTL), arguments.margins("paddingBR", paddingBR)
+        before, after = ((0, 0) if each is None else arguments.pair("padding", each) for each in (paddingTL, paddingBR))
+        if min(*before, *after) < 0:
+            raise ValueError(f"paddings must be at least 0, got {before} and {after}")
         return gradients(Padded(arguments.image(img), before, after), self._scheme)
 
     def _placed(
         self, img: Any, step: Any, default: Size, padding: Any, name: str, places: Locations | None
     ) -> tuple[Padded, NDArray[np.int64]]:
         """The padded image, and corners of windows in it."""
-        around, corners = arguments.margins("padding", padding), arguments.locations(name, places)
+        around, corners = arguments.margins(padding), arguments.locations(name, places)
         return placed(
             arguments.image(img), arguments.stride(step, default), around, corners, self.winSize, self.blockStride
         )
@@ -170,7 +172,7 @@ class HOGDescriptor(Parameters):
             TypeError: the image is no array of uint8, or an argument is of another type.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
-        threshold = arguments.number("hitThreshold", hitThreshold)
+        threshold = arguments.number("hitThreshold", hitThreshold, 0.0)
         padded, corners = self._placed(img, winStride, self.cellSize, padding, "searchLocations", searchLocations)
         places, weights = self._hits(padded, corners, threshold)
         return (places.astype(np.int32), weights) if len(places) else ((), ())
@@ -217,10 +219,11 @@ class HOGDescriptor(Parameters):
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         pixels, step = arguments.image(img), arguments.stride(winStride, self.blockStride)
-        threshold, around = arguments.number("hitThreshold", hitThreshold), arguments.margins("padding", padding)
-        group = arguments.number("groupThreshold", groupThreshold)
+        threshold, around = arguments.number("hitThreshold", hitThreshold, 0.0), arguments.margins(padding)
+        group = arguments.number("groupThreshold", groupThreshold, 2.0)
+        by_mean_shift = arguments.truth("useMeanshiftGrouping", useMeanshiftGrouping)
         size = pixels.shape[1], pixels.shape[0]
-        scales = levels(size, self.winSize, arguments.number("scale", scale), self.nlevels)
+        scales = levels(size, self.winSize, arguments.number("scale", scale, 1.05), self.nlevels)
 
         def level(k: int) -> tuple[Rectangles, Weights]:
             smaller = resized(pixels, (round(size[0] / scales[k]), round(size[1] / scales[k])))
@@ -233,7 +236,7 @@ class HOGDescriptor(Parameters):
         rectangles, weights = (np.concatenate(each) for each in zip(*found, strict=True))
         if not len(rectangles):
             return (), ()
-        if useMeanshiftGrouping:
+        if by_mean_shift:
             of_hits = np.repeat(scales, [len(each) for each, _ in found])
             rectangles, weights = group_by_mean_shift(rectangles, weights, of_hits, group, self.winSize)
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -64,30 +63,33 @@ class Parameters:
         stride, cell = arguments.pair("blockStride", _blockStride), arguments.pair("cellSize", _cellSize)
         if _nbins is None:
             raise TypeError("HOGDescriptor takes no argument, or at least the first five: there is no _nbins")
-        bins = operator.index(_nbins)
+        bins, sigma = arguments.integer("nbins", _nbins, 9), arguments.number("winSigma", _winSigma, -1.0)
+        clip = arguments.number("L2HysThreshold", _L2HysThreshold, 0.2)
+        gamma = arguments.truth("gammaCorrection", _gammaCorrection)
+        signed = arguments.truth("signedGradient", _signedGradient)
         self.__dict__.update(  # frozen, as OpenCV's attributes are
             winSize=window,
             blockSize=block,
             blockStride=stride,
             cellSize=cell,
             nbins=bins,
-            derivAperture=_derivAperture,
-            winSigma=float(_winSigma),
-            histogramNormType=_histogramNormType,
-            L2HysThreshold=float(_L2HysThreshold),
-            gammaCorrection=bool(_gammaCorrection),
-            nlevels=_nlevels,
-            signedGradient=bool(_signedGradient),
+            derivAperture=arguments.integer("derivAperture", _derivAperture, 1),
+            winSigma=sigma,
+            histogramNormType=arguments.integer("histogramNormType", _histogramNormType, 0),
+            L2HysThreshold=clip,
+            gammaCorrection=gamma,
+            nlevels=arguments.integer("nlevels", _nlevels, 64),
+            signedGradient=signed,
             spec=presets.opencv(
                 window,
                 block,
                 stride,
                 cell,
                 bins,
-                win_sigma=_winSigma if _winSigma > 0 else -1,
-                l2hys_threshold=_L2HysThreshold,
-                gamma=bool(_gammaCorrection),
-                signed=bool(_signedGradient),
+                win_sigma=sigma if sigma > 0 else -1,
+                l2hys_threshold=clip,
+                gamma=gamma,
+                signed=signed,
             ),
         )
 

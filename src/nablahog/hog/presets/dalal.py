@@ -213,7 +213,7 @@ def opencv(
         normalizer=BlockNorm(
             cells,
             step=cells,
-            epsilon=0.1 * cells[0] * cells[1] * nbins,
+            epsilon=0.1 * cells[0] * cells[1] * replace(_BASE, bins=nbins).bins,  # after it was checked
             epsilon_again=1e-3,
             epsilon_outside_root=True,
             clip=l2hys_threshold,
