@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from numpy.typing import NDArray
 from PIL import Image
 
 from nablahog.render import load_mesh
@@ -163,3 +165,82 @@ def test_extensions_that_change_what_numbers_mean_are_refused(tmp_path: Path) ->
     assert len(load_mesh(harmless).faces) == 1
     with pytest.raises(ValueError, match="EXT_unheard_of"):
         load_mesh(write(tmp_path, "b.glb", glb({**header, "extensionsRequired": ["EXT_unheard_of"]}, binary)))
+
+
+_HALVES = np.full((8, 8), 255, np.uint8)  # a quarter of a texture is 51
+_HALVES[4:, 4:] = 51
+COLOURED: dict[str, tuple[list[tuple[str, NDArray[Any], int]], dict[str, Any]]] = {
+    "colours of 16 bits": ([("COLOR_0", np.full((4, 4), 13107, "<u2"), 5123)], {}),
+    "glossy": ([], {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0.2, 0.2, 0.2, 1]}}}),
+    "second places": (
+        [("TEXCOORD_0", np.zeros((4, 2), "<f4"), 5126), ("TEXCOORD_1", np.full((4, 2), 204, np.uint8), 5121)],
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}},
+    ),
+    "moved": (
+        [("TEXCOORD_0", np.tile(np.array([[0.1, 0.4]], "<f4"), (4, 1)), 5126)],
+        {
+            "pbrMetallicRoughness": {
+                "baseColorTexture": {
+                    "index": 0,
+                    "extensions": {
+                        "KHR_texture_transform": {"rotation": math.pi / 2, "scale": [1, 2], "offset": [0, 1]}
+                    },
+                }
+            }
+        },
+    ),  # to (0.8, 0.9)
+}
+
+
+@pytest.mark.parametrize("name", COLOURED)
+def test_colours_of_a_glb(tmp_path: Path, name: str) -> None:
+    """Its texture is a file beside it, with a blank in its name."""
+    header, binary = _scene(4, [0, 1, 2, 1, 3, 2], sparse=False)
+    attributes, material = COLOURED[name]
+    for key, numbers, kind in attributes:
+        place = {"buffer": 0, "byteOffset": len(binary), "byteLength": numbers.nbytes}
+        binary += numbers.tobytes()
+        header["meshes"][0]["primitives"][0]["attributes"][key] = len(header["accessors"])
+        shape = {"type": f"VEC{numbers.shape[1]}", "count": 4, "componentType": kind, "normalized": kind != 5126}
+        header["accessors"].append({"bufferView": len(header["bufferViews"]), **shape})
+        header["bufferViews"].append(place)
+    if material:
+        header["meshes"][0]["primitives"][0]["material"] = 0
+        header |= {"materials": [material], "textures": [{"source": 0}], "images": [{"uri": "a%20b.png"}]}
+        Image.fromarray(_HALVES).save(tmp_path / "a b.png")
+    header["buffers"][0]["byteLength"] = len(binary)
+    mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2), atol=0.002, rtol=0)
+
+
+def test_instances_are_refused(tmp_path: Path) -> None:
+    header, binary = _scene(4, [0, 1, 2], sparse=False)
+    header["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
+    with pytest.raises(ValueError, match="EXT_mesh_gpu_instancing"):
+        load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
+
+
+@pytest.mark.parametrize("libraries", ["mtllib a.mtl b c.mtl", "mtllib b c.mtl\nmtllib a.mtl", "mtllib none.mtl a.mtl"])
+def test_several_libraries_of_materials(tmp_path: Path, libraries: str) -> None:
+    write(tmp_path, "a.mtl", "newmtl m\nKd 0.2\n")
+    write(tmp_path, "b c.mtl", "newmtl n\nKd 1 1 1\n")
+    mesh = load_mesh(write(tmp_path, "a.obj", f"{libraries}\n{VERTICES_OBJ}usemtl m\nf 1 2 3\n"))
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))
+
+
+@pytest.mark.parametrize("by", ["vertex", "corner"])
+def test_textures_of_ply(tmp_path: Path, by: str) -> None:
+    """A square whose lower left half is dark."""
+    Image.fromarray(_HALVES[::-1, ::-1]).save(tmp_path / "t.png")  # the upper left quarter, at u < 1/2 < v
+    places = ["0 1", "0.4 0.9", "0.2 0.6", "0.1 0.7"]
+    corners = [f"{x} {y} 0" for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
+    on_vertices = by == "vertex"
+    text = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\n"
+    text += "".join(f"property float {name}\n" for name in ("xyzst" if on_vertices else "xyz"))
+    text += "element face 1\nproperty list uchar int vertex_indices\n"
+    text += "end_header\n" if on_vertices else "property list uchar float texcoord\nend_header\n"
+    lines = [f"{corner} {place}" if on_vertices else corner for corner, place in zip(corners, places, strict=True)]
+    text += "\n".join([*lines, "4 0 1 2 3" + ("" if on_vertices else f" 8 {' '.join(places)}")])
+    mesh = load_mesh(write(tmp_path, "a.ply", text))
+    assert len(mesh.faces) == 2
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))

@@ -212,7 +212,11 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
             raise ValueError("focal='exif' needs a PIL image whose EXIF data has a focal length, and that was not cut")
-    if isinstance(focal, bool) or not isinstance(focal, int | float | np.integer | np.floating) or not 0 < focal < math.inf:
+    if (
+        isinstance(focal, bool)
+        or not isinstance(focal, int | float | np.integer | np.floating)
+        or not 0 < focal < math.inf
+    ):
         raise ValueError(f"focal must be a finite number of pixels above 0, or 'exif', got {focal!r}")
     if principal_point is None:
         return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)

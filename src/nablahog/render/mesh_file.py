@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,10 @@ from PIL import Image
 from ..io.files import check_file
 from ..io.pixels import levels
 from ..runtime.text import one_line
-from .mesh_bytes import MAX_BYTES, MAX_FACES, MAX_PLY_ROWS, as_utf8, repair
+from .mesh_bytes import LIBRARIES, MAX_BYTES, MAX_PLY_ROWS, as_utf8, repair
 from .off_file import read_off
-from .ply_file import has_texture, read_ply
-from .polygons import BRIGHTNESS, Floats, Soup, gray_of
+from .ply_file import Texture, read_ply
+from .polygons import BRIGHTNESS, MAX_FACES, Floats, Soup, gray_of
 
 if TYPE_CHECKING:  # slow to import
     import trimesh
@@ -35,6 +36,8 @@ _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": 
 ENDINGS = tuple(_FORMATS)
 # of MTL's maps: a name, and then numbers, switches or a channel
 _OPTIONS = re.compile(r"^\s*(?:-[a-z]+(?:\s+(?:[-+.\d]+(?:e[-+]?\d+)?|on|off|[rgbmlz]))+\s+)*", re.IGNORECASE)
+# of MTL, a colour of one number, which counts for all three
+_GRAYS = re.compile(rb"^(\s*Kd\s+)([-+.\de]+)[ \t]*$", re.IGNORECASE | re.MULTILINE)
 _SHRUNK = (0, 0)  # the key of a texture's small version; no file can have it
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # trimesh's remarks would go to the terminal
@@ -59,6 +62,8 @@ def read_soup(path: Path) -> Soup:
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # such a texture counts as unreadable
         try:
             return _joined(list(_pieces(path, kind)))
+        except IndexError:  # whose numbers are not those of the file
+            raise ValueError(f"{path}: a number of its faces or parts refers to what the file does not hold") from None
         except Exception as error:  # parsers of damaged files raise nearly anything
             reason = one_line((str(error).splitlines() or [""])[0], 300) or type(error).__name__
             raise ValueError(f"{path}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
@@ -67,29 +72,25 @@ def read_soup(path: Path) -> Soup:
 def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     """The instances of the file's geometries."""
     data = path.read_bytes()
-    if kind == "OFF" or (kind == "PLY" and not has_texture(data)):
-        soup = read_off(as_utf8(data).decode()) if kind == "OFF" else read_ply(data, MAX_PLY_ROWS)
+    if kind in ("OFF", "PLY"):
+        soup, mapped = (read_off(as_utf8(data).decode()), None) if kind == "OFF" else read_ply(data, MAX_PLY_ROWS)
         _check_faces(len(soup.faces))
-        yield soup
+        sampled = None if mapped is None else _sampled_file(path, mapped)
+        yield soup if sampled is None else soup._replace(brightness=sampled)
         return
     import trimesh
 
     data = repair(data, kind)
-    resolver = _beside(path) if kind in ("OBJ", "PLY") else None
-    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=resolver, process=False)
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=_beside(path), process=False)
     places = [scene.graph[node] for node in scene.graph.nodes_geometry]
     placed = [(matrix, scene.geometry[name]) for matrix, name in places]
     placed = [(matrix, geometry) for matrix, geometry in placed if isinstance(geometry, trimesh.Trimesh)]
     faces = sum(len(geometry.faces) for _, geometry in placed)
     _check_faces(faces)
     textures = {id(texture): texture for _, geometry in placed if (texture := _texture(geometry)) is not None}
-    texels = sum(texture.width * texture.height for texture in textures.values())
-    if texels > MAX_TEXELS:
-        raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {texels:,}")
+    _check_texels(sum(texture.width * texture.height for texture in textures.values()))
     brightness: dict[int, Floats] = {}  # by id of the geometry
     for matrix, geometry in placed:
-        if kind == "PLY":
-            _check_ply(geometry)
         vertices = np.asarray(geometry.vertices, dtype=np.float64)
         if vertices.shape[1:] != (3,):
             raise ValueError("its vertices do not have three coordinates each")
@@ -117,10 +118,20 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
             return named
 
         def get(self, name: str) -> bytes:
+            if name.startswith(LIBRARIES):
+                return b"\n".join(self.library(each) for each in name.split(LIBRARIES) if each)
             if len(name) > LONGEST_NAME:  # each of its folders is looked up
                 raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
             data: bytes = super().get(_found(path.parent, name))
-            return as_utf8(data) if name.lower().endswith(".mtl") else data
+            return data
+
+        def library(self, names: str) -> bytes:
+            """Of materials: one whose name may have blanks, or several; those that are missing are empty."""
+            for each in ([names], names.split()):
+                found = [name for name in each if (path.parent / _found(path.parent, name)).is_file()]
+                if found:
+                    return b"\n".join(_GRAYS.sub(rb"\1\2 \2 \2", as_utf8(self.get(name))) for name in found)
+            return b""
 
     return Beside(str(path))
 
@@ -131,12 +142,27 @@ def _found(folder: Path, name: str) -> str:
     That is with options before it, in quotes, with backslashes, in other cases, or in a folder of another machine.
     """
     plain = _OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
-    for each in (name, plain):
+    for each in (name, plain, unquote(name)):
         with suppress(OSError, ValueError):  # a name too long, or with a null byte
             if (folder / each).is_file():
                 return each
     last = plain.rpartition("/")[2]
     return {entry.name.lower(): entry.name for entry in folder.iterdir()}.get(last.lower(), plain)
+
+
+def _sampled_file(path: Path, texture: Texture) -> Floats | None:
+    """The brightness of the vertices of a PLY file by its texture; None if that is missing or damaged."""
+    try:
+        with Image.open(io.BytesIO(_beside(path)[texture.name])) as image:
+            _check_texels(image.width * image.height)
+            return _sampled(image, texture.uv)
+    except (OSError, Image.DecompressionBombWarning):
+        return None
+
+
+def _check_texels(count: int) -> None:
+    if count > MAX_TEXELS:
+        raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {count:,}")
 
 
 def _check_faces(count: int) -> None:
@@ -235,12 +261,3 @@ def _shrunk(texture: Image.Image) -> Floats | None:
         texture.close()
     shrunk: Floats | None = texture.info[_SHRUNK]
     return shrunk
-
-
-def _check_ply(geometry: trimesh.Trimesh) -> None:
-    for name, element in geometry.metadata.get("_ply_raw", {}).items():
-        data = element.get("data")
-        columns = list(data.values()) if isinstance(data, dict) else [data]
-        rows = min((0 if column is None else len(column) for column in columns), default=0)
-        if rows < element["length"]:
-            raise ValueError(f"it promises {element['length']:,} rows of the element {name}, but has {rows:,}")

@@ -1,7 +1,9 @@
-"""PLY files (Turk 1994), text or binary: vertices, polygons, and the colours of either."""
+"""PLY files (Turk 1994), text or binary: vertices, polygons, their colours, and their places in a texture."""
 
 from __future__ import annotations
 
+import codecs
+import re
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -18,6 +20,7 @@ _TYPES = {
 }
 _CORNERS = ("vertex_indices", "vertex_index")
 _COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+_PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))  # of a vertex in the texture
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 
 
@@ -35,6 +38,13 @@ class Element(NamedTuple):
     name: str
     rows: int
     properties: list[Property]
+
+
+class Texture(NamedTuple):
+    """The name of an image file, and the place of each vertex (V, 2) in it."""
+
+    name: str
+    uv: Floats
 
 
 Columns = dict[str, NDArray[Any]]  # numbers of each column; of a list, of all rows one after the other
@@ -67,19 +77,15 @@ def header_of(data: bytes) -> tuple[str | None, list[Element], int]:
     return _ORDERS[formats[0]], elements, len(data) - len(body) + len(rest) + 1
 
 
-def has_texture(data: bytes) -> bool:
-    """Whether the header names an image file, as MeshLab writes it."""
-    return b"TextureFile" in data[: data.find(b"end_header")]
-
-
-def read_ply(data: bytes, most_rows: int) -> Soup:
-    """The triangles of a PLY file, with the colours of its vertices, or else of its faces.
+def read_ply(data: bytes, most_rows: int) -> tuple[Soup, Texture | None]:
+    """The triangles of a PLY file, with the colours of its vertices, or else of its faces; and its texture, if any.
 
     What follows the last table is not read.
 
     Raises:
         ValueError: it is no such file, or rows are missing, or there are more than ``most_rows``.
     """
+    data = data.removeprefix(codecs.BOM_UTF8)
     order, elements, at = header_of(data)
     rows = sum(element.rows for element in elements)
     if rows > most_rows:
@@ -94,16 +100,37 @@ def read_ply(data: bytes, most_rows: int) -> Soup:
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
     if any(name not in vertex for name in "xyz"):
         raise ValueError("its vertices do not have three coordinates each")
-    corners = next((name for name in _CORNERS if name in face), None)
-    if corners is None:
-        raise ValueError("it holds no faces")
-    return soup_of(
-        np.stack([vertex[name].astype(np.float64) for name in "xyz"], axis=1),
-        face[corners].astype(np.int64),
-        face[_length(corners)].astype(np.int64),
-        of_vertices=_brightness(vertex),
-        of_faces=None if _brightness(vertex) is not None else _brightness(face),
-    )
+    name = next((name for name in _CORNERS if name in face), None)
+    if name is None:
+        strips = (
+            "its faces are strips of triangles, which are not read" if "tristrips" in tables else "it holds no faces"
+        )
+        raise ValueError(strips)
+    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    corners, counts = face[name].astype(np.int64), face[_length(name)].astype(np.int64)
+    image, uv = _texture_file(data), _places(vertex)
+    if image is not None and (face.get(_length("texcoord"), 0) == 2 * counts).all():  # of each corner
+        if corners.size and not (corners.min() >= 0 and corners.max() < len(vertices)):
+            raise ValueError("a face refers to a vertex that it does not hold")
+        vertices, vertex = vertices[corners], {}
+        corners, uv = np.arange(len(corners)), face["texcoord"].astype(np.float64).reshape(-1, 2)
+    of_vertices = _brightness(vertex)
+    texture = None if image is None or uv is None else Texture(image, uv)
+    of_faces = None if of_vertices is not None or texture is not None else _brightness(face)
+    return soup_of(vertices, corners, counts, of_vertices=of_vertices, of_faces=of_faces), texture
+
+
+def _texture_file(data: bytes) -> str | None:
+    """The image file that the header names, as MeshLab writes it."""
+    names = re.findall(rb"^comment TextureFile (.*?)\s*$", data[: data.find(b"end_header")], re.MULTILINE)
+    if len(names) > 1:
+        raise ValueError(f"at most one texture is read, it names {len(names)}")
+    return names[0].decode(errors="replace") if names else None
+
+
+def _places(vertex: Columns) -> Floats | None:
+    names = next((names for names in _PLACES if all(name in vertex for name in names)), None)
+    return None if names is None else np.stack([vertex[name].astype(np.float64) for name in names], axis=1)
 
 
 def _length(name: str) -> str:

@@ -13,6 +13,7 @@ Integers = NDArray[np.int64]
 BRIGHTNESS = 0.8
 """The brightness of a mesh without colours."""
 GRAY = (0.299, 0.587, 0.114)  # of R, G and B
+MAX_FACES = 5_000_000  # of a mesh file
 MOST_CORNERS = 1000  # of a polygon that is not convex; its triangles take their square in time
 
 
