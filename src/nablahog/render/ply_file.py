@@ -109,7 +109,7 @@ def read_ply(data: bytes, most_rows: int) -> tuple[Soup, Texture | None]:
     vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
     corners, counts = face[name].astype(np.int64), face[_length(name)].astype(np.int64)
     image, uv = _texture_file(data), _places(vertex)
-    if image is not None and (face.get(_length("texcoord"), 0) == 2 * counts).all():  # of each corner
+    if image is not None and np.array_equal(face.get(_length("texcoord"), ()), 2 * counts):  # of each corner
         if corners.size and not (corners.min() >= 0 and corners.max() < len(vertices)):
             raise ValueError("a face refers to a vertex that it does not hold")
         vertices, vertex = vertices[corners], {}
