@@ -14,7 +14,7 @@ from typing import Any
 
 from ..hog.box import Box
 from ..io.files import check_file
-from ..runtime.text import decoded, one_line, unguarded
+from ..runtime.text import decoded, file_name, one_line, readable, unguarded
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
@@ -121,6 +121,11 @@ class ListedObject:
     box: Box | None = None
     initial: tuple[float, float] | None = None
 
+    @property
+    def photograph(self) -> str:
+        """The name of ``image`` in Unicode, for results."""
+        return readable(self.image)
+
 
 def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
     """The objects that a file lists, in its order.
@@ -199,7 +204,7 @@ def _id(row: Row, key: str) -> int:
 
 def _listed_object(number: int, row: Row, image: object) -> ListedObject:
     """The object of a row of either format."""
-    name = image.strip() if isinstance(image, str) else ""
+    name = file_name(image.strip()) if isinstance(image, str) else ""
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from torch import Tensor
 from ..hog.gradient import gray
 from ..io.files import check_folder
 from ..io.images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
+from ..runtime.text import readable
 
 
 @dataclass
@@ -82,5 +82,4 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 
 
 def _name(path: Path, folder: Path) -> str:
-    name = os.fsencode(path.relative_to(folder).as_posix())
-    return name.decode(errors="backslashreplace")  # a name of any bytes fits the tables
+    return readable(path.relative_to(folder).as_posix())

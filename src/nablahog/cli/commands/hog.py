@@ -20,7 +20,7 @@ from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
-from ...runtime.text import decoded
+from ...runtime.text import decoded, file_name
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
@@ -163,7 +163,7 @@ def _paths(arguments: Namespace) -> list[str]:
             lines = decoded(Path(name).read_bytes()).splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
-        paths += [line.strip() for line in lines if line.strip()]
+        paths += [file_name(line.strip()) for line in lines if line.strip()]
     if not paths:
         raise UserError("there are no images among the inputs")
     return paths

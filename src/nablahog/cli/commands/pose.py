@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from argparse import Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -26,6 +25,7 @@ from ...pose.options import Lens, SearchMethod
 from ...render import Mesh, load_mesh, sample_chairs
 from ...render.mesh import axes
 from ...runtime.cache import code_key
+from ...runtime.text import readable
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, names, pose_figures, rows, write
 from ..results.pose_page import close_up, pose_page
@@ -107,7 +107,7 @@ def _models(arguments: Namespace) -> Models:
     path = Path(arguments.mesh)
     if path.is_dir():
         return read_models(path)
-    return Models({os.fsencode(path.stem).decode(errors="backslashreplace"): path}, [])
+    return Models({readable(path.stem): path}, [])
 
 
 def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:

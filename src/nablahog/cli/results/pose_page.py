@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,6 +20,7 @@ from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
 from ...render.renderer import Method
+from ...runtime.text import readable
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
@@ -75,7 +75,7 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    shown = os.fsencode(name).decode(errors="backslashreplace")
+    shown = readable(name)
     row = {"photograph": shown, **{key: getattr(estimate, key) for key in _FIGURES}}
     row |= {"azimuth": "any"} if estimate.any_azimuth else {}
     mind = warning(estimate)
