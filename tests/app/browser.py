@@ -10,8 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 import uvicorn
 from selenium import webdriver
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
@@ -128,7 +130,10 @@ def browsing(folder: Path, width: int = 1280, height: int = 900, dark: bool = Fa
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
     options.add_experimental_option("prefs", {"download.default_directory": str(folder / "downloads")})
-    driver = webdriver.Chrome(options, Service(DRIVER))
+    try:
+        driver = webdriver.Chrome(options, Service(DRIVER))
+    except WebDriverException as error:
+        pytest.skip(f"Chromium does not start: {error.msg}")
     try:
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
