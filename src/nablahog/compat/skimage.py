@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
@@ -151,10 +151,12 @@ def hog(
 
 def _pair(name: str, sides: Sequence[float], kinds: str) -> tuple[int, int]:
     """Two whole numbers, stored as one of NumPy's ``kinds``."""
-    pair = np.asarray(tuple(sides))
-    if pair.shape != (2,) or pair.dtype.kind not in kinds or (pair != pair.round()).any():
+    numbers = np.array(list(sides) if isinstance(sides, Iterable) else sides)
+    if numbers.ndim and len(numbers) != 2:
+        raise ValueError(f"{name} must be two numbers, got {sides!r}")
+    if numbers.dtype.kind not in kinds or numbers.ndim != 1 or (numbers != numbers.round()).any():
         raise TypeError(f"{name} must be two whole numbers, got {sides!r}")
-    return int(pair[0]), int(pair[1])
+    return int(numbers[0]), int(numbers[1])
 
 
 def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
