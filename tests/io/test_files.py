@@ -163,7 +163,7 @@ def test_distinct_stems() -> None:
     assert stems("x/a.png", "y/a.jpg", "a") == ["a", "a_2", "a_3"]
     assert stems("a.png", "b/a.png", "a_2.png") == ["a", "a_3", "a_2"]
     assert stems("a.png", "A.png", "same.png", "same.png") == ["a", "A_2", "same", "same_2"]
-    assert [len(stem.encode()) for stem in stems("é" * 200 + ".png")] == [180]
+    assert [len(stem.encode()) for stem in stems("é" * 200 + ".png", "a" + "é" * 200)] == [180, 179]
     code = "import nablahog.io.files as f, pathlib, sys; print(ascii(f.distinct_stems([pathlib.Path(sys.argv[1])])))"
     of_c = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     told = subprocess.run(

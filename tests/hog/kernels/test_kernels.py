@@ -8,7 +8,8 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import pytest
 import torch
@@ -18,6 +19,7 @@ from torch.testing import assert_close
 from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.descriptor import Backend, steps
 from nablahog.hog.kernels import supports
+from nablahog.hog.normalizers import NORMALIZERS, PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from ..zoo import SPECS, integers, noise, spec
@@ -280,3 +282,26 @@ def test_in_forked_workers() -> None:
     worker.join(timeout=60)
     assert worker.exitcode == 0
     assert torch.equal(descriptor, expected)
+
+
+@dataclass(frozen=True)
+class RootNorm(PerCell):
+    """One of a user's own, without a loop."""
+
+    kind: ClassVar[str] = "root"
+    fixes_contrast = True
+
+    def reach(self) -> int | None:
+        return 0
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        return (histograms + 1).sqrt()
+
+
+@dtypes
+def test_a_normaliser_without_a_loop_runs_as_it_is(dtype: torch.dtype, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(NORMALIZERS, RootNorm.kind, RootNorm)
+    s, image = spec(normalizer=RootNorm()), noise(2, 1, 20, 17, dtype=dtype).requires_grad_()
+    results = [hog(image, s, backend=backend) for backend in BACKENDS]
+    assert_close(*results, rtol=1e-5, atol=1e-6)
+    assert_close(*(torch.autograd.grad(each.sin().sum(), image)[0] for each in results), rtol=1e-4, atol=1e-4)
