@@ -23,7 +23,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..cli.arguments.presets import SpecOptions
-from ..cli.inputs.arrays import ArrayOptions, presets_that_fit
+from ..cli.inputs.arrays import ArrayOptions, FittingPreset, likeliest
 from ..cli.inputs.sources import Source
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
@@ -223,14 +223,20 @@ def _sources(path: str, name: str, options: SpecOptions, arrays: ArrayOptions, t
 
 
 def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
-    """The names of the arrays where there are several, or the presets that fit the one."""
-    shape: tuple[int, ...] | None = None
+    """The names of the arrays where there are several, or the presets that fit the one, the likeliest first."""
+    fitting: list[tuple[float, FittingPreset]] = []
     keys: list[str] | None = None
     try:
-        shape = read_array(path, arrays.key).shape
+        fitting = likeliest(read_array(path, arrays.key), arrays.image_size)
     except (ValueError, OSError) as error:
         keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2]) or None
-    return {"keys": keys, "fitting": [] if shape is None else presets_that_fit(shape, arrays.image_size)}
+    return {
+        "keys": keys,
+        "fitting": [
+            {"preset": each.dialect.name, "settings": dict(each.dialect.settings), "image_size": each.image_size}
+            for _, each in fitting
+        ],
+    }
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:

@@ -75,6 +75,14 @@ def recover_histograms(
     return histograms if spec.normalizer.fixes_contrast else at_nominal_contrast(histograms, spec, size)
 
 
+def normalization_error(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    """‖N(h) - d‖ / ‖d‖ with N the dialect's normaliser, (B,): near 0 where some histograms h have the descriptor d."""
+    spec = searchable(spec)
+    _, normalize = steps(descriptor.device, spec)
+    residual = normalize(recover_histograms(descriptor, spec, size), spec) - descriptor.permute(0, 3, 1, 2)
+    return (squared_norm(residual) / squared_norm(descriptor)).sqrt()
+
+
 def at_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols), scaled to the mean vote of an ordinary photograph's pixel."""
     nominal = NOMINAL_CONTRAST * spec.value_range * _votes_per_magnitude(spec, size, histograms)

@@ -12,17 +12,19 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from scipy import io
+from skimage import data, feature
 
 import nablahog
 from nablahog import presets
 from nablahog.cli.arguments.presets import SpecOptions
-from nablahog.cli.inputs.arrays import MOST, ArrayOptions, presets_that_fit
+from nablahog.cli.inputs.arrays import ArrayOptions, likeliest, presets_that_fit
 from nablahog.cli.main import main
 from nablahog.io.images import read_image
 
 from ..common import CHELSEA
 
 SPEC = presets.vlfeat()
+FITS_1764 = ("opencv --set win_size=64x64", "skimage --set cells_per_block=2x2 --image-size 64x64")
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +94,7 @@ def test_bad_files(tmp_path: Path, refused: Callable[..., None], monkeypatch: py
 def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused: Callable[..., None]) -> None:
     path, out = str(tmp_path / "d.npy"), ["-o", str(tmp_path / "out")]
     np.save(path, array)
-    refused("invert", path, *out, message="expected --preset NAME; this fits --preset dlib, or")
+    refused("invert", path, *out, message="it is --preset vlfeat (0.0")
     preset = ["--preset", "vlfeat"]
     refused("invert", path, *out, *preset, "--key", "a", message="--key goes with .npz and .mat files")
     refused("invert", path, *out, *preset, "--image-size", "0x64", message="got '0x64'", status=2)
@@ -102,24 +104,39 @@ def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused
 
 
 @pytest.mark.parametrize(
-    ("shape", "size", "name"),
+    ("shape", "size", "options"),
     [
-        ((3780,), (128, 64), "opencv"),
-        ((6804,), (128, 64), "skimage"),
-        ((16, 16, 32), None, "dpm"),
-        ((16, 16, 31), (144, 144), "dlib"),
-        ((31, 8, 8), None, "vlfeat"),
+        ((3780,), (128, 64), {"--preset opencv", "--preset skimage --set cells_per_block=2x2"}),
+        ((1764,), None, {f"--preset {name}" for name in FITS_1764}),
+        ((6804,), (128, 64), {"--preset skimage"}),
+        ((16, 16, 32), None, {"--preset dpm", "--preset piotr"}),
+        ((16, 16, 31), (144, 144), {"--preset dlib"}),
+        ((31, 8, 8), None, {"--preset vlfeat", "--preset dlib"}),
     ],
 )
-def test_what_fits(shape: tuple[int, ...], size: tuple[int, int] | None, name: str) -> None:
+def test_what_fits(shape: tuple[int, ...], size: tuple[int, int] | None, options: set[str]) -> None:
     fitting = presets_that_fit(shape, size)
-    assert name in fitting
-    assert len(fitting) <= MOST
+    assert {each.options for each in fitting} == options
     for each in fitting:  # works as it stands
-        _, how = ArrayOptions(size).fitting(shape, SpecOptions(each))
+        _, how = ArrayOptions(each.image_size or size).fitting(shape, each.dialect)
         assert how.shape == shape
-    for nothing in ((), (0,), (5, 0, 31), (100_003,), (3780,)):
+    for nothing in ((), (0,), (5, 0, 31), (100_003,)):
         assert presets_that_fit(nothing, None) == []
+
+
+def test_which_of_those_that_fit_it_is(tmp_path: Path) -> None:
+    """scikit-image's blocks share cells, dlib's cells its weights; OpenCV's votes cannot be told from others."""
+    image = data.camera()[100:228, 200:328]
+    vector = feature.hog(image, cells_per_block=(2, 2))
+    (nearest, first), (second, _), *_ = likeliest(vector, None)
+    assert first.options == "--preset skimage --set cells_per_block=2x2 --image-size 128x128"
+    assert 2 * nearest < second
+    (nearest, first), (second, _) = likeliest(nablahog.hog(image, "dlib").transpose(2, 0, 1), None)
+    assert first.options == "--preset dlib"
+    assert 2 * nearest < second
+    opencv = presets.opencv(win_size=(128, 128))
+    (nearest, _), (second, _), *_ = likeliest(nablahog.hog(image, opencv, layout="native"), None)
+    assert 2 * nearest > second
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import { element, fill, make } from "./dom.js";
 
-/** @typedef {{as: string, preset: string, image_size: string, key: string}} Answers */
+/** @typedef {{as: string, preset: string, settings: string, image_size: string, key: string}} Answers */
 
 /**
  * @param {string} sentence what the server said
@@ -15,20 +15,32 @@ export function ask(sentence, question, before, about, send) {
   const form = element("question", HTMLFormElement);
   const answers = { ...before };
   const cancel = make("button", { type: "button" }, "Cancel");
-  form.replaceChildren(make("h3", { id: "question-title" }, "What is in this file?"), make("p", {}, sentence));
+  form.replaceChildren(make("h3", { id: "question-title" }, "What is in this file?"), make("p", {}, question.fitting.length
+    ? "It does not say which library made it. Presets whose descriptors have this shape come first, the likeliest on top."
+    : sentence));
 
   /** @type {(() => void)[]} */
   const reads = [];
   reads.push(choice(form, "as", "It is",
     [{ id: "descriptor", name: "a descriptor" }, { id: "template", name: "the weights of a detector" }], answers));
   if (question.keys) reads.push(choice(form, "key", "Array", question.keys, answers));
-  const others = about.presets.map((each) => each.name).filter((name) => !question.fitting.includes(name));
-  reads.push(choice(form, "preset", "Preset", [...question.fitting.map((id) => ({ id, name: `${id} (fits)` })), ...others], answers,
-    question.fitting[0] ?? about.default_preset));
+  const fits = question.fitting.map((each) => ({ id: Object.keys(each.settings).length ? JSON.stringify(each) : each.preset,
+    name: [each.preset, ...Object.entries(each.settings).map(([name, value]) => `${name} ${value}`), "(fits)"].join(" ") }));
+  const others = about.presets.map((each) => each.name).filter((name) => !fits.some((each) => each.id === name));
+  reads.push(choice(form, "preset", "Preset", [...fits, ...others], answers, fits[0]?.id ?? about.default_preset));
   const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
     pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", value: answers.image_size, autocomplete: "off" });
   form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
-  reads.push(() => { answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x"); });
+  reads.push(() => {
+    answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x");
+    answers.settings = "{}";
+    if (!answers.preset.startsWith("{")) return;
+    /** @type {import("./types.js").FittingPreset} */
+    const { preset, settings, image_size } = JSON.parse(answers.preset);
+    answers.preset = preset;
+    answers.settings = JSON.stringify(settings);
+    answers.image_size ||= (image_size ?? []).join("x");
+  });
   form.append(make("div", { class: "bar" }, make("button", { class: "main", type: "submit" }, "Send"), cancel));
   form.onsubmit = (event) => {
     event.preventDefault();

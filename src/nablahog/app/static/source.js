@@ -168,7 +168,7 @@ export class SourceChooser extends EventTarget {
     } else if (MESHES.test(file.name)) {
       this.openMesh(file);
     } else if (ARRAYS.test(file.name)) {
-      void this.#describe(file, { as: "", preset: "", image_size: "", key: "" });
+      void this.#describe(file, { as: "", preset: "", settings: "", image_size: "", key: "" });
     } else {
       void this.#upload(file);
     }

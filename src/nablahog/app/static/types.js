@@ -18,7 +18,8 @@
  *
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
  *   image_size: [number, number] | null}} DescriptorInfo
- * @typedef {{keys: string[] | null, fitting: string[]}} Question
+ * @typedef {{preset: string, settings: {[name: string]: string}, image_size: [number, number] | null}} FittingPreset
+ * @typedef {{keys: string[] | null, fitting: FittingPreset[]}} Question
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...hog import HOGSpec
 from ...io.arrays import naming, read_array
 from ...io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
-from ..arguments.presets import PRESETS, SpecOptions, as_text, make_spec, window_of
+from ..arguments.presets import PRESETS, SpecOptions, as_text, window_of
 
 Size: TypeAlias = tuple[int, int]
 
-MOST = 3  # presets that are suggested
+SIZES = ((64, 64), (128, 64), (128, 128), (32, 32), (96, 96), (28, 28), (96, 48), (256, 256))
+"""(height, width) of images that are tried for an array in one row, which does not say it."""
+BLOCKS = ("2x2", "1x1")  # cells of scikit-image's blocks, beside the default
+LARGEST = 2**12  # cells of a descriptor whose normalisation is compared with that of each dialect that fits
+CLEARLY = 2.0  # times as near as the next dialect: then it is the descriptor's
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,8 @@ class ArrayOptions:
         """The descriptor in a .npy, .npz or .mat file."""
         array = read_array(path, self.key)
         with naming(path):
+            if options.preset is None:
+                raise ValueError(f"an array does not say of which library it is{self._which(array)}")
             return stored(array, *self.fitting(array.shape, options))
 
     def fitting(self, shape: tuple[int, ...], options: SpecOptions) -> tuple[HOGSpec, Fit]:
@@ -74,28 +84,86 @@ class ArrayOptions:
         return f"the {spec.name} descriptor{of} has the shape {shapes(spec, size)}, got {shape}"
 
     def _suggested(self, shape: tuple[int, ...]) -> str:
-        fitting = presets_that_fit(shape, self.image_size)
-        return f"; this fits {', or '.join(f'--preset {name}' for name in fitting)}" if fitting else ""
+        fitting = ", or ".join(each.options for each in presets_that_fit(shape, self.image_size))
+        return f"; this fits {fitting}" if fitting else ""
+
+    def _which(self, array: NDArray[np.floating]) -> str:
+        """The dialects that fit, the likeliest first: that of which an image comes nearest to the descriptor."""
+        near = likeliest(array, self.image_size)
+        if len(near) < 2:
+            return f": expected --preset NAME{self._suggested(array.shape)}"
+        each = [each.options if math.isinf(error) else f"{each.options} ({error:.3f})" for error, each in near]
+        if CLEARLY * near[0][0] <= near[1][0] < math.inf:
+            return f"; by the error of its normalisation it is {each[0]}, and not {', or '.join(each[1:])}"
+        told = "" if math.isinf(near[0][0]) else ", and the error of its normalisation does not tell"
+        return f"; its shape fits several{told}: expected {', or '.join(each)}"
 
 
-def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[str]:
-    """At most :data:`MOST` presets that, with their defaults, have an array of this shape, of an image of this size.
+@dataclass(frozen=True)
+class FittingPreset:
+    """A preset with parameters of which an array can be a descriptor.
 
-    Those whose own layout it is come first.
+    Attributes:
+        dialect: the options.
+        image_size: (height, width), where it must be said, too.
+        how: the array is a descriptor of it.
     """
-    specs = {name: make_spec(name, {}) for name in PRESETS}
-    fits = {name: fit(shape, spec, image_size) for name, spec in specs.items()}
-    in_one_row = is_row(shape)
-    fitting = [
-        (how.layout != specs[name].layout, name)
-        for name, how in fits.items()
-        if how is not None
-        and _is_whole(specs[name], how.image_size)
-        and (not in_one_row or specs[name].layout.endswith("vector"))  # no other library returns it in one row
-    ]
-    return [name for _, name in sorted(fitting, key=lambda each: each[0])[:MOST]]
+
+    dialect: SpecOptions
+    image_size: Size | None
+    how: Fit
+
+    @property
+    def options(self) -> str:
+        """As on the command line."""
+        settings = "".join(f" --set {key}={value}" for key, value in self.dialect.settings)
+        size = f" --image-size {as_text(self.image_size)}" if self.image_size else ""
+        return f"--preset {self.dialect.name}{settings}{size}"
+
+    def error(self, array: NDArray[np.floating]) -> float:
+        """Of the dialect's normaliser, relative to the descriptor; infinite where that is too large."""
+        from ...invert.histograms import normalization_error
+
+        of_array = stored(array, self.dialect.spec(), self.how)
+        rows, cols, _ = of_array.descriptor.shape
+        if rows * cols > LARGEST:
+            return math.inf
+        return float(normalization_error(of_array.descriptor.float()[None], of_array.spec, of_array.image_size)[0])
 
 
-def _is_whole(spec: HOGSpec, image_size: Size) -> bool:
-    """Whether an image can be a window of OpenCV, which must be whole strides."""
-    return not spec.pooling.has_blocks or spec.image_size(*spec.grid(*image_size)) == image_size
+def likeliest(array: NDArray[np.floating], image_size: Size | None) -> list[tuple[float, FittingPreset]]:
+    """The presets that fit an array, with the errors of their normalisers; the smallest first."""
+    fitting = presets_that_fit(array.shape, image_size)
+    errors = [each.error(array) for each in fitting] if len(fitting) > 1 else [math.inf] * len(fitting)
+    return sorted(zip(errors, fitting, strict=True), key=lambda each: each[0])
+
+
+def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[FittingPreset]:
+    """All presets that have an array of this shape, of an image of this size, or where it says none of :data:`SIZES`.
+
+    Parameters are the defaults, but for the cells of scikit-image's blocks and the window of OpenCV.  Those whose own
+    layout it is come first.
+    """
+    fitting: list[FittingPreset] = []
+    guessed = image_size is None and is_row(shape)
+    for name in PRESETS:
+        blocks = tuple((("cells_per_block", each),) for each in BLOCKS) if name == "skimage" else ()
+        for settings in ((), *blocks):
+            for size in SIZES if guessed else (image_size,):
+                windows = name == "opencv" and size not in (None, window_of(name, {}))
+                chosen = (("win_size", as_text(size[::-1])),) if windows and size else settings
+                with suppress(ValueError):  # some are no window of OpenCV
+                    options = SpecOptions(name, chosen)
+                    how = _own(shape, options.spec(), size)
+                    if how is not None:
+                        fitting.append(FittingPreset(options, size if guessed and name != "opencv" else None, how))
+    return sorted(fitting, key=lambda each: each.how.layout != each.dialect.spec().layout)
+
+
+def _own(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> Fit | None:
+    """How an array of this shape is a descriptor as libraries return it, if it is one."""
+    how = fit(shape, spec, image_size)
+    if how is None or (is_row(shape) and not spec.layout.endswith("vector")):  # no other library returns one row
+        return None
+    blocks = spec.pooling.has_blocks  # of OpenCV, whose windows are whole strides
+    return how if not blocks or spec.image_size(*spec.grid(*how.image_size)) == how.image_size else None
