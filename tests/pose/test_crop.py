@@ -230,6 +230,7 @@ def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, B
         ({"within": 0}, "within must be above 0 and at most 180"),
         ({"principal_point": (3, 4)}, "principal_point says something only of a camera of known focal length"),
         ({"focal": 300, "principal_point": (3, math.nan)}, "principal_point must be two finite numbers of pixels"),
+        ({"focal": 20.0}, "focal is in pixels, 0.1 to 100 diagonals of the photograph, got 20"),
         ({"focal": "far"}, "focal must be a finite number of pixels above 0, or 'exif', got 'far'"),
     ],
 )

@@ -28,7 +28,8 @@ SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "c
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
-_SHORTEST, _LONGEST = 0.1, 100.0  # focal lengths of real lenses, in diagonals of the photograph
+SHORTEST, LONGEST = 0.1, 100.0
+"""Focal lengths of real lenses, in diagonals of the photograph."""
 
 
 def as_array(picture: Picture) -> NDArray[np.float64]:
@@ -177,7 +178,7 @@ def exif_focal(image: Image.Image) -> float | None:
             unit = _MILLIMETRES[int(tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2))]
             resolution = _number(tags.get(ExifTags.Base.FocalPlaneXResolution)) / unit
             focal = _number(tags.get(ExifTags.Base.FocalLength)) * resolution * shrunk
-        return focal if _SHORTEST * diagonal <= focal <= _LONGEST * diagonal else None
+        return focal if SHORTEST * diagonal <= focal <= LONGEST * diagonal else None
     return None
 
 

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
-from ..io.images import exif_focal
+from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
 from ..render.renderer import Method
 from ..runtime.pytorch import in_plain_mode
@@ -218,6 +218,12 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
         or not 0 < focal < math.inf
     ):
         raise ValueError(f"focal must be a finite number of pixels above 0, or 'exif', got {focal!r}")
+    height, width = image.shape[1:]
+    if not SHORTEST <= focal / math.hypot(height, width) <= LONGEST:
+        raise ValueError(
+            f"focal is in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {focal:g} for one of "
+            f"{height}x{width}; millimetres of a lens are pixels once multiplied by {width} over the sensor's width"
+        )
     if principal_point is None:
         return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)
     if len(principal_point) != 2 or not all(map(math.isfinite, principal_point)):

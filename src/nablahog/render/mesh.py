@@ -29,7 +29,7 @@ FRONTS = {"z": "-y", "y": "+z"}
 """The axis that the front of CAD models usually looks along, by the axis that points up."""
 
 SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
-_Y_UP = (".obj", ".glb")
+Y_UP = (".obj", ".glb")
 _FORMAT = 1  # of an archive
 _ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
 
@@ -168,7 +168,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
             [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
     path = Path(path)
-    turned = axes(up or ("y" if path.suffix.lower() in _Y_UP else "z"), front).astype(np.float64)
+    turned = axes(up or ("y" if path.suffix.lower() in Y_UP else "z"), front).astype(np.float64)
     soup = read_soup(path)
     soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
     try:

@@ -72,7 +72,8 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
         except ValueError:
             values = ()
         if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
-            raise argparse.ArgumentTypeError(f"expected the numbers {names}, got {text!r}")
+            what = f"the numbers {names}" if "," in names else "a number"
+            raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
         return values
 
     return parse

@@ -23,7 +23,7 @@ from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod
 from ...render import Mesh, load_mesh, sample_chairs
-from ...render.mesh import axes
+from ...render.mesh import Y_UP, axes
 from ...runtime.cache import code_key
 from ...runtime.text import readable
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
@@ -32,6 +32,7 @@ from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page
 
 SIDE = 160  # pixels of the picture of an object
+AXES = "; if y points up in the file of the model, say --up y --front=+z"
 _FILL = 0.8  # of that, the longer side of the box
 
 
@@ -65,7 +66,8 @@ def pose(arguments: Namespace) -> int:
         write(folder, posed, least)
     print_table(rows(posed))
     say_page(folder / "index.html")
-    return _status(posed, least)
+    z_up = arguments.up is None and {path.suffix.lower() for path in models.paths.values()} - {*Y_UP}
+    return _status(posed, least, AXES if z_up else "")
 
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
@@ -126,12 +128,12 @@ def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:
     return readable
 
 
-def _status(posed: list[PosedObject], least_confidence: float) -> int:
-    """The exit status; says how many poses may mean nothing, and how many are refused."""
+def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> int:
+    """The exit status; says how many poses may mean nothing, with advice, and how many are refused."""
     warnings = [one.figures["warning"] for one in posed if one.figures.get("warning") is not None]
     if warnings:
         of_all = "" if len(posed) == 1 else f"{len(warnings)} of {len(posed)} objects; the first: "
-        inform(f"nablahog pose: warning: {of_all}{warnings[0]}")
+        inform(f"nablahog pose: warning: {of_all}{warnings[0]}{advice}")
     refused = sum(one.refused for one in posed)
     if refused:
         inform(
