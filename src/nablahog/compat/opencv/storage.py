@@ -203,7 +203,7 @@ def people_detector(name: str, size: int) -> NDArray[np.float32]:
         theirs = importlib.import_module("cv2").HOGDescriptor
     except (ImportError, AttributeError):
         raise RuntimeError(
-            f"{function} needs OpenCV's own coefficients: install opencv-python<5, or name by {FOLDER} a folder with "
-            f"{path.name}, which a descriptor with this detector has saved elsewhere"
+            f"{function} needs OpenCV's own coefficients: install opencv-contrib-python, of OpenCV 5, too, or "
+            f"opencv-python<5, or name by {FOLDER} a folder with {path.name}, which a descriptor with it has saved"
         ) from None
     return np.array(getattr(theirs, function)(), np.float32).reshape(-1)
