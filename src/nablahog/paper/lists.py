@@ -211,7 +211,7 @@ def _id(row: Row, key: str) -> int:
 
 def _listed_object(number: int, row: Row, image: object) -> ListedObject:
     """The object of a row of either format."""
-    name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows
+    name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..io.files import check_file
+from ..io.files import check_file, local_name
 from ..io.pixels import levels
 from ..runtime.text import one_line
 from .glb_file import plain_glb
@@ -171,8 +171,9 @@ def _found(folder: Path, name: str) -> str:
     """
     if len(name) > LONGEST_NAME:  # each of its folders is looked up
         raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
+    name = local_name(name)
     plain = _OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
-    parts = [part for part in unquote(plain).split("/") if part not in ("", ".", "..")][-DEEPEST:]
+    parts = [part for part in local_name(unquote(plain)).split("/") if part not in ("", ".", "..")][-DEEPEST:]
     for each in (name, plain, *("/".join(parts[start:]) for start in range(len(parts)))):
         with suppress(OSError, ValueError):  # a name too long, or with a null byte
             if (folder / each).is_file():

@@ -18,6 +18,11 @@ def decoded(data: bytes) -> str:
     return data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
 
 
+def unicode_of(name: str) -> str:
+    """A file's name as text that can be written: names may be in any encoding, and the locale may lack letters."""
+    return name.encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
 def printable(text: str) -> str:
     """``text`` with escapes for what a terminal would obey: control characters, line breaks, bidirectional marks.
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from PIL import Image
 
 from ...io.descriptor_file import save_descriptor
-from ...io.files import natural_order, output_folder
+from ...io.files import local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
@@ -159,7 +159,7 @@ def _paths(arguments: Namespace) -> list[str]:
         if "://" in name:
             paths += _urls(name)
     for name in arguments.inputs:
-        for line in _lines(name[1:]) if name.startswith(LIST) else ():
+        for line in map(local_name, _lines(name[1:]) if name.startswith(LIST) else ()):
             if "://" in line:  # signed ones have question marks, and a store is not asked for each
                 paths += _urls(line) if "*" in line else [line]
             else:

@@ -25,6 +25,7 @@ from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.files import distinct_stems, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.pixels import MAX_BYTES
+from ...runtime.text import unicode_of
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import Skipping, UserError, as_user_error
@@ -119,7 +120,7 @@ class Source:
     @property
     def name(self) -> str:
         """The name of the file without its folders, printable, and the part."""
-        file = os.fsencode(Path(self.path).name).decode(errors="backslashreplace") if self.path != STDIN else "stdin"
+        file = unicode_of(Path(self.path).name) if self.path != STDIN else "stdin"
         return f"{file}, {self.part}" if self.part else file
 
     @cached_property

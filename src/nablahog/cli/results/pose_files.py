@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -210,7 +209,7 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "photograph": os.fsencode(one.listed.image).decode(errors="backslashreplace"),
+            "photograph": one.listed.image,
             "object": one.listed.id,
             **{name: one.figures.get(name) for name in shown},
             **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),

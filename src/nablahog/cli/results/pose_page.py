@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -75,12 +74,11 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    shown = os.fsencode(name).decode(errors="backslashreplace")
-    row = {"photograph": shown, **{key: getattr(estimate, key) for key in _FIGURES}}
+    row = {"photograph": name, **{key: getattr(estimate, key) for key in _FIGURES}}
     row |= {"azimuth": "any"} if estimate.any_azimuth else {}
     mind = warning(estimate)
     return html.page(
-        f"Pose of {shown}",
+        f"Pose of {name}",
         LEAD if mind is None else f"{LEAD} Mind that {mind}.",
         [row],
         sections,
