@@ -93,6 +93,14 @@ def test_a_tiff_file_in_which_zero_is_white(tmp_path: Path, dtype: str) -> None:
     torch.testing.assert_close(read_image(tmp_path / "w.tif")[0], 1 - torch.from_numpy(RAMP) / 255)
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("options", [{}, {"compression": "deflate"}, {"tile": (16, 16)}])
+def test_planes_of_sixteen_bits(tmp_path: Path, order: Any, options: dict[str, Any]) -> None:
+    planes = np.moveaxis(COLOURS, -1, 0).astype(np.uint16) * 257
+    tifffile.imwrite(tmp_path / "a.tif", planes, photometric="rgb", planarconfig="separate", byteorder=order, **options)
+    torch.testing.assert_close(read_image(tmp_path / "a.tif"), torch.from_numpy(planes.astype(np.float32)) / 65535)
+
+
 def test_unsigned_numbers_of_32_bits_are_told_as_they_are(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "u.tif", np.full((16, 16), 3_000_000_000, np.uint32))
     with pytest.raises(ValueError, match=r"0…65535, got 3000000000 "):
@@ -137,11 +145,12 @@ def test_truncated_files(tmp_path: Path, ending: str) -> None:
             read_image(path)
 
 
+@pytest.mark.parametrize("kind", ["JPEG", "JPEG2000"])
 @pytest.mark.parametrize("mode", ["L", "RGB"])
-def test_a_jpeg_file_without_its_end_marker(tmp_path: Path, mode: str) -> None:
+def test_a_jpeg_file_without_its_end_marker(tmp_path: Path, mode: str, kind: str) -> None:
     whole, path = io.BytesIO(), tmp_path / "camera.jpg"
     Image.fromarray(np.random.default_rng(0).integers(0, 256, (45, 67, 3), dtype=np.uint8)).convert(mode).save(
-        whole, "JPEG"
+        whole, kind
     )
     path.write_bytes(whole.getvalue())
     expected = read_image(path)
@@ -150,7 +159,7 @@ def test_a_jpeg_file_without_its_end_marker(tmp_path: Path, mode: str) -> None:
         assert torch.equal(read_image(path), expected)
     for missing in (4, 5, 30):  # pixels, too
         path.write_bytes(whole.getvalue()[:-missing])
-        with pytest.raises(ValueError, match="truncated"):
+        with pytest.raises(ValueError, match=r"truncated|broken"):
             read_image(path)
 
 

@@ -30,6 +30,7 @@ def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     [
         ('image, x\n"a,b.jpg", 1.5\n\nc.jpg,-2\n', "utf-8"),
         ('image,x\r\n"a,b.jpg",1.5\r\nc.jpg,-2\r\n', "utf-8-sig"),
+        ('sep=,\nIMAGE,X,,\n"a,b.jpg",1.5,,,\nc.jpg,-2,,\n', "utf-8"),  # a remark for Excel, and its empty cells
         ('image,x\r"a,b.jpg",1.5\rc.jpg,-2\r', "utf-8"),
         ("image\tx\r\na,b.jpg\t1,5\r\nc.jpg\t-2\r\n", "utf-16"),  # "Unicode text" of Excel
         ("image;x;note\na,b.jpg;1,5;x\nc.jpg;-2;\n", "utf-8-sig"),  # as Excel writes it where the comma is decimal
@@ -44,7 +45,10 @@ def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "line 1: expected the columns image, x, but image and x is missing"),
+        ("", "line 1: expected the columns image, x, .* but image is missing"),
+        ("image|x\na|1\n", "divided by commas, semicolons or tabs"),
+        ("image,x,X\na,1,2\n", "line 1: expected one column x, got 2"),
+        ("image,x\na,1,5\n", "line 2: expected 2 values, one for each column, got more"),  # commas in numbers
         ("image,x\n", "expected at least one row below the names of the columns, got none"),
         ("image,x\na,1\nb,1e400\n", "line 3, column x: expected a finite number of pixels, got '1e400'"),
         ("image,x\na\n", "line 2, column x: expected a finite number of pixels, got None"),
@@ -80,6 +84,11 @@ COCO: dict[str, Any] = {
         {"id": 1, "image_id": 7, "azimuth": 0, "elevation": -5},
     ],
 }
+
+
+def test_names_of_boxes_and_files_of_others(tmp_path: Path) -> None:
+    (one,) = read_objects(_csv(tmp_path, "image,xmin,ymin,xmax,ymax\nin\\a.jpg,1,2,30,40\n"))
+    assert (one.image, one.box) == ("in/a.jpg", Box(1, 2, 30, 40))
 
 
 def test_objects_of_a_csv_file(tmp_path: Path) -> None:

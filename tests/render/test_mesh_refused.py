@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
-from nablahog.render import mesh_file, polygons
+from nablahog.render import mesh_bytes, mesh_file
 from nablahog.render.mesh import load_mesh
 
 from .mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb, write
@@ -42,6 +42,7 @@ PLY_HEAD = (
 BINARY_STL = as_bytes(trimesh.creation.box().export(file_type="stl"))
 BINARY_PLY = as_bytes(trimesh.creation.box().export(file_type="ply"))
 MANY = {"componentType": 5126, "type": "VEC3", "count": 2000}
+UNREAD = ("EXT_mesh_gpu_instancing", "EXT_meshopt_compression")
 FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
 
 
@@ -61,7 +62,17 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.ply", BINARY_PLY[:-5], "cannot be read"),
         ("a.stl", BINARY_STL[:-5], "length that it promises"),
         ("a.stl", export_stl_ascii(trimesh.creation.box())[:700], "from solid to endsolid"),
+        ("a.off", "4OFF\n" + CUBE_OFF[4:], "three coordinates a vertex"),
+        ("a.off", CUBE_OFF.replace("1 1 1", "1,5 1 1"), "got '1,5'"),
+        ("a.obj", TRIANGLE.replace("2 0 0", "2,5 0 0"), "numbers"),
+        ("a.obj", TRIANGLE + "f 1 2 9\n", "it does not hold"),
+        ("a.ply", PLY_HEAD.replace("face 2", "tristrips 1") + "3 0 1 2\n", "got the elements vertex, tristrips"),
+        ("a.ply", PLY_HEAD.replace("float x", "half x"), "type half"),
+        ("a.stl", export_stl_ascii(trimesh.creation.box()).replace("0.5", "0,5"), "decimal points"),
+        ("a.stl", export_stl_ascii(trimesh.creation.box()).replace("vertex", "vert", 3), "three corners"),
         ("a.glb", triangle_glb()[:-8], "truncated"),
+        *(("a.glb", triangle_glb(extensionsUsed=[name]), "not supported") for name in UNREAD),
+        ("a.glb", triangle_glb(nodes=[{"mesh": 0, "weights": [0.5]}]), "morph targets"),
         ("a.glb", triangle_glb(buffers=[{"byteLength": 36, "uri": "../secret.bin"}]), "needs the file"),
         ("a.glb", triangle_glb(extensionsRequired=["KHR_draco_mesh_compression"]), "not supported"),
         ("a.glb", triangle_glb(nodes=[{"mesh": 0}] * 10_001), "at most 10,000 nodes"),
@@ -122,4 +133,4 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "MAX_BYTES", 100)
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)
-    assert polygons.MAX_FACES >= 1_000_000
+    assert mesh_bytes.MAX_FACES >= 1_000_000

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import base64
+import io
 import struct
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from numpy.typing import NDArray
 from PIL import Image
+from trimesh.exchange.stl import export_stl_ascii
 
 from nablahog.render import load_mesh
 
@@ -31,6 +32,10 @@ TEXTURED = (
 )
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 RGB = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+STL = as_bytes(trimesh.creation.box().export(file_type="stl"))
+FACETS = [STL[start : start + 48] for start in range(84, len(STL), 50)]
+RED_STL = b"COLOR=\xff\0\0\xff".ljust(80) + STL[80:84] + b"".join(facet + b"\0\x80" for facet in FACETS)
+STL_TEXT = export_stl_ascii(trimesh.creation.box())
 LIST = "property list uchar int vertex_indices\n"
 
 
@@ -66,6 +71,7 @@ def _binary_ply(order: str) -> bytes:
         ("faces.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 255 0 0"), RED),
         ("fractions.off", "OFF\r\n8 6 0\r\n" + _rows(CORNERS, of_faces=" 1.0 0.0 0.0 0.5"), RED),
         ("a_table.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 3"), 0.8),
+        ("dark.off", "COFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 1 1 1 255"), 1 / 255),  # the alpha tells 255 from 1
         ("tabs.obj", OBJ.replace(" ", "\t"), 0.8),
         ("indented.obj", "\r\n".join(f"  {line}\t# remark" for line in OBJ.splitlines()), 0.8),
         ("marked.obj", "\ufeff" + OBJ, 0.8),
@@ -74,13 +80,26 @@ def _binary_ply(order: str) -> bytes:
         ("long_lines.obj", OBJ.replace("f 1", "f \\\n1"), 0.8),
         ("vertices.obj", OBJ.replace("\nf", " 1 0 0\nf", 1).replace("\nv", " 1 0 0\nv"), RED),
         ("with_uv.obj", "".join(f"v {corner} 1 0 0\n" for corner in CORNERS) + TEXTURED, RED),
+        ("remark.obj", "# C:\\models\\\n" + OBJ, 0.8),  # whose last character continues no line
+        ("old_word.obj", OBJ.replace("f ", "fo "), 0.8),
+        ("old_windows.obj", OBJ.replace("f", "v -1.#IND -1.#IND -nan(ind)\nf", 1), 0.8),
         ("lost.obj", "mtllib none.mtl\n" + VERTICES_OBJ + TEXTURED, 0.8),
         ("depth.ply", _ply(vertices=9) + _rows([*CORNERS, "nan nan nan"]), 0.8),
         ("quads.ply", _ply(of_faces=RGB) + _rows(CORNERS, of_faces=" 255 0 0"), RED),
         ("little.ply", _binary_ply("<"), RED),
         ("big.ply", _binary_ply(">"), RED),
         ("vertices.ply", _ply(of_vertices=RGB) + _rows(CORNERS, of_vertices=" 255 0 0"), RED),
-        ("behind.stl", as_bytes(trimesh.creation.box().export(file_type="stl")) + b"\r\n", 0.8),
+        ("old_mac.ply", (_ply() + _rows(CORNERS)).replace("\n", "\r"), 0.8),
+        ("wide.ply", (_ply() + _rows(CORNERS)).encode("utf-16"), 0.8),
+        ("remarks.ply", (_ply() + _rows(CORNERS)).replace("element", "comment to end_header\nelement", 1), 0.8),
+        ("old_windows.ply", _ply(vertices=9) + _rows([*CORNERS, "-nan(ind) -1.#IND 0"]), 0.8),
+        ("levels.ply", _ply(of_vertices=RGB.replace("uchar", "float")) + _rows(CORNERS, of_vertices=" 255 0 0"), RED),
+        ("wider.ply", _ply(of_vertices=RGB.replace("uchar", "int")) + _rows(CORNERS, of_vertices=" 255 0 0"), RED),
+        ("capitals.ply", _ply(of_vertices=RGB.replace("red", "Red")) + _rows(CORNERS, of_vertices=" 255 0 0"), RED),
+        ("behind.stl", STL + b"\r\n", 0.8),
+        ("coloured.stl", RED_STL, RED),
+        ("old_mac.stl", STL_TEXT.replace("\n", "\r"), 0.8),
+        ("one_line.stl", "\n" + " ".join(STL_TEXT.split()), 0.8),
     ],
 )
 def test_a_cube(tmp_path: Path, name: str, content: str | bytes, brightness: float) -> None:
@@ -92,7 +111,7 @@ def test_a_cube(tmp_path: Path, name: str, content: str | bytes, brightness: flo
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, brightness))
 
 
-@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+@pytest.mark.parametrize("kind", ["obj", "off", "ply", "textured.ply"])
 def test_a_concave_face_covers_no_more_than_itself(tmp_path: Path, kind: str) -> None:
     dart = ["0 0 0", "2 1 0", "0 2 0", ".5 1 0"]
     head = f"ply\nformat ascii 1.0\nelement vertex 4\n{XYZ}element face 1\n{LIST}end_header\n"
@@ -100,6 +119,9 @@ def test_a_concave_face_covers_no_more_than_itself(tmp_path: Path, kind: str) ->
         "obj": "".join(f"v {corner}\n" for corner in dart) + "f 1 2 3 4\n",
         "off": "OFF\n4 1 0\n" + "\n".join(dart) + "\n4 0 1 2 3\n",
         "ply": head + "\n".join(dart) + "\n4 0 1 2 3\n",
+        "textured.ply": head.replace("element", "comment TextureFile none.png\nelement", 1)
+        + "\n".join(dart)
+        + "\n4 0 1 2 3\n",
     }
     mesh = load_mesh(write(tmp_path, f"a.{kind}", text[kind]), up="z")
     edges = mesh.vertices[mesh.faces] - mesh.vertices[mesh.faces[:, :1]]
@@ -110,16 +132,68 @@ def test_a_concave_face_covers_no_more_than_itself(tmp_path: Path, kind: str) ->
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize(
     "name",
-    ["tex/w.png", "tex\\w.png", "-s 1 1 1 -clamp on tex/w.png", "C:\\Users\\me\\W.PNG", "/home/me/w.png", '"w.png"'],
+    [
+        "tex/w.png",
+        "tex\\w.png",
+        "-s 1 1 1 -clamp on tex/w.png",
+        "C:\\Users\\me\\W.PNG",
+        "/home/me/w.png",
+        '"w.png"',
+        "/home/me/tex/w.png",
+        "a%20w.png",
+        "../images/w.png",
+    ],
 )
 def test_textures_by_names_of_other_machines(tmp_path: Path, name: str, bits: int) -> None:
     level = np.full((8, 8), 51 if bits == 8 else 13107, np.uint8 if bits == 8 else np.uint16)
-    (tmp_path / "tex").mkdir()
-    for folder in (tmp_path, tmp_path / "tex"):
-        Image.fromarray(level).save(folder / "w.png")
-    write(tmp_path, "a.mtl", f"newmtl m\nKd 1 1 1\nmap_Kd {name}\n")
-    mesh = load_mesh(write(tmp_path, "a.obj", "mtllib a.mtl\n" + VERTICES_OBJ + TEXTURED))
+    models = tmp_path / "models"
+    for file in ("models/w.png", "models/a w.png", "models/tex/w.png", "images/w.png"):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        Image.fromarray(level).save(tmp_path / file)
+    write(models, "a.mtl", f"newmtl m\nKd 1 1 1\nmap_Kd {name}\n")
+    mesh = load_mesh(write(models, "a.obj", "mtllib a.mtl\n" + VERTICES_OBJ + TEXTURED))
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))
+
+
+@pytest.mark.parametrize("colour", ["0.4", "0,4 0,4 0,4", ".4\t.4\t.4 # gray"])
+@pytest.mark.parametrize("names", ["a.mtl my b.mtl", "none.mtl\nmtllib my b.mtl # gray", "my b.mtl"])
+def test_materials_in_any_of_the_files_that_are_named(tmp_path: Path, names: str, colour: str) -> None:
+    write(tmp_path, "a.mtl", "newmtl other\nKd 1 1 1\n")
+    write(tmp_path, "my b.mtl", f"newmtl Material #25\nKd {colour}\n")
+    text = OBJ.replace("f", "usemtl Material #25 # gray\nf", 1)
+    mesh = load_mesh(write(tmp_path, "a.obj", f"mtllib {names}\n{text}"))
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.4))
+
+
+@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("by_face", [True, False])
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_textured_ply(tmp_path: Path, there: bool, by_face: bool, binary: bool) -> None:
+    """Without the texture, its colours remain."""
+    if there:
+        Image.fromarray(np.full((8, 8), 51, np.uint8)).save(tmp_path / "a w.png")
+    places = "" if by_face else "property float s\nproperty float t\n"
+    head = _ply(
+        kind="binary_little_endian" if binary else "ascii",
+        of_vertices=RGB + places,
+        of_faces="property list uchar float texcoord\n" if by_face else "",
+    ).replace("element", "comment TextureFile a w.png\nelement", 1)
+    if binary:
+        of_vertex, of_face = (
+            b"\xff\0\0" + struct.pack("<2f", 0.3, 0.3) * (not by_face),
+            struct.pack("<B8f", 8, *[0.3] * 8),
+        )
+        body = b"".join(struct.pack("<3f", *map(float, corner.split())) + of_vertex for corner in CORNERS)
+        for quad in QUADS:
+            body += struct.pack("<B4i", 4, *map(int, quad.split())) + of_face * by_face
+        content = head.encode() + body + b"\n"
+    else:
+        content = (
+            head + _rows(CORNERS, " 255 0 0" + " .3 .3" * (not by_face), " 8" + " .3" * 8 if by_face else "")
+        ).encode()
+    mesh = load_mesh(write(tmp_path, "a.ply", content))
+    assert len(mesh.faces) == 12
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2 if there else RED))
 
 
 def _scene(mode: int, indices: list[int], sparse: bool) -> tuple[dict[str, Any], bytes]:
@@ -167,80 +241,61 @@ def test_extensions_that_change_what_numbers_mean_are_refused(tmp_path: Path) ->
         load_mesh(write(tmp_path, "b.glb", glb({**header, "extensionsRequired": ["EXT_unheard_of"]}, binary)))
 
 
-_HALVES = np.full((8, 8), 255, np.uint8)  # a quarter of a texture is 51
-_HALVES[4:, 4:] = 51
-COLOURED: dict[str, tuple[list[tuple[str, NDArray[Any], int]], dict[str, Any]]] = {
-    "colours of 16 bits": ([("COLOR_0", np.full((4, 4), 13107, "<u2"), 5123)], {}),
-    "glossy": ([], {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0.2, 0.2, 0.2, 1]}}}),
-    "second places": (
-        [("TEXCOORD_0", np.zeros((4, 2), "<f4"), 5126), ("TEXCOORD_1", np.full((4, 2), 204, np.uint8), 5121)],
-        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}},
-    ),
-    "moved": (
-        [("TEXCOORD_0", np.tile(np.array([[0.1, 0.4]], "<f4"), (4, 1)), 5126)],
-        {
-            "pbrMetallicRoughness": {
-                "baseColorTexture": {
-                    "index": 0,
-                    "extensions": {
-                        "KHR_texture_transform": {"rotation": math.pi / 2, "scale": [1, 2], "offset": [0, 1]}
-                    },
-                }
-            }
-        },
-    ),  # to (0.8, 0.9)
-}
+WHITE_BELOW = [[0] * 4] * 2 + [[255] * 4] * 2  # of a texture, whose first row is v = 0
 
 
-@pytest.mark.parametrize("name", COLOURED)
-def test_colours_of_a_glb(tmp_path: Path, name: str) -> None:
-    """Its texture is a file beside it, with a blank in its name."""
+@pytest.mark.parametrize(
+    ("texture", "sets", "kind", "brightness"),
+    [
+        ({}, [0.2], "<f4", 0),
+        ({}, [0.8], "<u2", 1),  # integers stand for fractions
+        ({}, [0.8], "<u1", 1),
+        ({"texCoord": 1}, [0.2, 0.8], "<f4", 1),
+        ({"extensions": {"KHR_texture_transform": {"offset": [0, 0.5]}}}, [0.2], "<u2", 1),
+        ({"extensions": {"KHR_texture_transform": {"rotation": -np.pi / 2}}}, [0.2], "<f4", 1),  # (u, v) to (-v, u)
+        ({"extensions": {"KHR_texture_transform": {"texCoord": 1, "scale": [1, 0.25]}}}, [0.2, 0.8], "<f4", 0),
+    ],
+)
+@pytest.mark.parametrize("inside", [True, False])
+def test_places_in_the_texture_of_a_glb(
+    tmp_path: Path, texture: dict[str, Any], sets: list[float], kind: str, brightness: float, inside: bool
+) -> None:
     header, binary = _scene(4, [0, 1, 2, 1, 3, 2], sparse=False)
-    attributes, material = COLOURED[name]
-    for key, numbers, kind in attributes:
-        place = {"buffer": 0, "byteOffset": len(binary), "byteLength": numbers.nbytes}
-        binary += numbers.tobytes()
-        header["meshes"][0]["primitives"][0]["attributes"][key] = len(header["accessors"])
-        shape = {"type": f"VEC{numbers.shape[1]}", "count": 4, "componentType": kind, "normalized": kind != 5126}
-        header["accessors"].append({"bufferView": len(header["bufferViews"]), **shape})
-        header["bufferViews"].append(place)
-    if material:
-        header["meshes"][0]["primitives"][0]["material"] = 0
-        header |= {"materials": [material], "textures": [{"source": 0}], "images": [{"uri": "a%20b.png"}]}
-        Image.fromarray(_HALVES).save(tmp_path / "a b.png")
-    header["buffers"][0]["byteLength"] = len(binary)
+    file = io.BytesIO()
+    Image.fromarray(np.array(WHITE_BELOW, np.uint8)).save(tmp_path / "w.png")
+    Image.fromarray(np.array(WHITE_BELOW, np.uint8)).save(file, "PNG")
+    primitive = header["meshes"][0]["primitives"][0] | {"material": 0}
+    scale = 1 if kind == "<f4" else np.iinfo(kind).max
+    for number, v in enumerate(sets):
+        places = np.tile(np.array([0.7, v]) * scale, (4, 1)).astype(kind)
+        padding = b"\0" * (-len(binary) % 4)
+        view = {"buffer": 0, "byteOffset": len(binary + padding), "byteLength": places.nbytes}
+        binary += padding + places.tobytes()
+        primitive["attributes"][f"TEXCOORD_{number}"] = len(header["accessors"])
+        component = {"<f4": 5126, "<u2": 5123, "<u1": 5121}[kind]
+        accessor = {"componentType": component, "type": "VEC2", "count": 4, "normalized": kind != "<f4"}
+        header["accessors"].append(accessor | {"bufferView": len(header["bufferViews"])})
+        header["bufferViews"].append(view)
+    url = "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
+    header |= {
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": url if inside else "w.png"}],
+        "buffers": [{"byteLength": len(binary)}],
+        "extensionsRequired": ["KHR_texture_transform", "KHR_mesh_quantization"],
+    }
     mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
-    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2), atol=0.002, rtol=0)
+    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, brightness))
 
 
-def test_instances_are_refused(tmp_path: Path) -> None:
-    header, binary = _scene(4, [0, 1, 2], sparse=False)
-    header["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
-    with pytest.raises(ValueError, match="EXT_mesh_gpu_instancing"):
-        load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
-
-
-@pytest.mark.parametrize("libraries", ["mtllib a.mtl b c.mtl", "mtllib b c.mtl\nmtllib a.mtl", "mtllib none.mtl a.mtl"])
-def test_several_libraries_of_materials(tmp_path: Path, libraries: str) -> None:
-    write(tmp_path, "a.mtl", "newmtl m\nKd 0.2\n")
-    write(tmp_path, "b c.mtl", "newmtl n\nKd 1 1 1\n")
-    mesh = load_mesh(write(tmp_path, "a.obj", f"{libraries}\n{VERTICES_OBJ}usemtl m\nf 1 2 3\n"))
-    torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))
-
-
-@pytest.mark.parametrize("by", ["vertex", "corner"])
-def test_textures_of_ply(tmp_path: Path, by: str) -> None:
-    """A square whose lower left half is dark."""
-    Image.fromarray(_HALVES[::-1, ::-1]).save(tmp_path / "t.png")  # the upper left quarter, at u < 1/2 < v
-    places = ["0 1", "0.4 0.9", "0.2 0.6", "0.1 0.7"]
-    corners = [f"{x} {y} 0" for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
-    on_vertices = by == "vertex"
-    text = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\n"
-    text += "".join(f"property float {name}\n" for name in ("xyzst" if on_vertices else "xyz"))
-    text += "element face 1\nproperty list uchar int vertex_indices\n"
-    text += "end_header\n" if on_vertices else "property list uchar float texcoord\nend_header\n"
-    lines = [f"{corner} {place}" if on_vertices else corner for corner, place in zip(corners, places, strict=True)]
-    text += "\n".join([*lines, "4 0 1 2 3" + ("" if on_vertices else f" 8 {' '.join(places)}")])
-    mesh = load_mesh(write(tmp_path, "a.ply", text))
+def test_older_materials_and_buffers_of_a_glb(tmp_path: Path) -> None:
+    header, binary = _scene(6, [0, 1, 3, 2], sparse=True)
+    header["meshes"][0]["primitives"][0]["material"] = 0
+    older = {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0.2, 0.2, 0.2, 1]}}
+    url = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    header |= {"materials": [{"extensions": older}], "buffers": [{"byteLength": len(binary), "uri": url}]}
+    del header["scenes"]
+    mesh = load_mesh(write(tmp_path, "a.glb", glb(header)))
     assert len(mesh.faces) == 2
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))

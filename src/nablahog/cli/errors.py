@@ -60,10 +60,12 @@ class Skipping:
         try:
             yield
         except (ValueError, OSError, UserError) as error:
-            message = str(error) if path in str(error) else f"{path}: {error}"
+            message = str(error) if str(Path(path)) in str(error) else f"{path}: {error}"
             if self.count == 1:
                 raise UserError(message) from None
-            self.skipped.append({"input": path, "error": message.removeprefix(f"{path}: ")})
+            self.skipped.append(
+                {"input": path, "error": message.removeprefix(f"{path}: ").removeprefix(f"{Path(path)}: ")}
+            )
             tell(self.command, f"skipped: {message}")
 
     def check(self) -> None:

@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..runtime.text import file_name, readable
+from ..runtime.text import unicode_of
 from .descriptor_file import StoredDescriptor
 from .files import replacing
 
@@ -76,7 +76,7 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
     for row in rows:
         shape = (None,) * 4 if row.stored is None else (*row.stored.image_size, *row.stored.descriptor.shape[:2])
         values = None if row.stored is None else row.stored.descriptor.float().reshape(-1).numpy()
-        cells.append((readable(row.path), *shape, values, row.error))
+        cells.append((unicode_of(row.path), *shape, values, None if row.error is None else unicode_of(row.error)))
     about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
     table = pa.table([list(column) for column in zip(*cells, strict=True)], schema=SCHEMA.with_metadata(about))
     file = io.BytesIO()
@@ -171,7 +171,7 @@ class DescriptorDataset(Sequence[Row]):
 
     def _row(self, table: pa.Table, number: int) -> Row:
         values = {name: table[name][number] for name in SCHEMA.names}
-        path, error = file_name(values["path"].as_py()), values["error"].as_py()
+        path, error = values["path"].as_py(), values["error"].as_py()
         if error is not None:
             return Row(path, None, error)
         rows, cols, height, width = (values[name].as_py() for name in ("rows", "cols", "height", "width"))

@@ -55,6 +55,15 @@ def natural_order(name: str) -> list[str | int]:
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
 
 
+def local_name(name: str) -> str:
+    """A file's name in a text as this system's functions take it: in UTF-8 where the locale lacks its letters."""
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        return os.fsdecode(name.encode(errors="surrogateescape"))
+    return name
+
+
 def check_file(path: Path, expected: str) -> None:
     """Raises FileNotFoundError or ValueError unless it is a regular file, ``expected`` to be "an image file", say."""
     if not path.exists():

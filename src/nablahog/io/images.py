@@ -52,7 +52,7 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
     files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
     k/65535, and its negative where the file says that 0 is white.  Float files hold 0…1 or 0…255, which is divided by
     255; what lies outside by less than a tenth, as filters leave it, is clipped.  Colour profiles are not applied.  A
-    JPEG file may lack its end marker, if it has all pixels.
+    JPEG or JPEG 2000 file may lack its end marker, if it has all pixels.
 
     Args:
         path: the file.

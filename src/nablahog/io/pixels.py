@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
-from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, SAMPLEFORMAT
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANAR_CONFIGURATION, SAMPLEFORMAT
 
 MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
 STRIP = 2**19  # pixels that are converted at once
@@ -22,7 +22,9 @@ _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
 _OVERSHOOT = 0.1  # of filters, that is clipped, as a part of the largest level
 _BRIGHTEST_OF_255 = 16.0  # at least; a smaller highest level would be a black image, or one of high dynamic range
+_PLANES = 2  # likewise
 _JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_JPEG_2000 = (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")  # alone or in boxes; its end is that of JPEG
 
 
 @cache
@@ -44,10 +46,12 @@ def decoded(path: Path) -> Image.Image:
     try:
         return _opened(data)
     except OSError:
-        # what follows the pixels of a JPEG file changes none of them, unless some are missing
-        if not data.startswith(_JPEG):
+        if not data.startswith((_JPEG, *_JPEG_2000)):
             raise
         data = data.removesuffix(b"\xff")
+        if not data.startswith(_JPEG):
+            return _opened(data + _JPEG_END)
+        # what follows the pixels of a JPEG file changes none of them, unless some are missing
         image, same = (_opened(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
         if "progressive" in image.info or image.tobytes() != same.tobytes():
             raise
@@ -59,10 +63,26 @@ def _opened(data: bytes) -> Image.Image:
     with Image.open(io.BytesIO(data)) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
+        tags: dict[int, Any] = getattr(image, "tag_v2", {})
+        if tags.get(PLANAR_CONFIGURATION) == _PLANES and set(tags.get(BITSPERSAMPLE, ())) == {16}:
+            _read_16_bits(image)
         image.load()
         with suppress(Exception):  # damaged EXIF data says nothing about the pixels
             ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
     return image
+
+
+def _read_16_bits(image: Any) -> None:
+    """Lets Pillow read planes of 16 bits, which it takes for planes of 8 unless they are compressed."""
+    order = "16B" if image.tag_v2.prefix == b"MM" else "16L"
+    image.tile = [
+        getattr(type(tile), "_make", tuple)(
+            [*tile[:3], (f"{tile[3][0]};{order}", *tile[3][1:])]
+        )  # of old Pillow, tuples
+        if tile[0] == "raw"
+        else tile
+        for tile in image.tile
+    ]
 
 
 def has_8_bits(image: Image.Image) -> bool:

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -14,11 +15,12 @@ from typing import Any
 
 from ..hog.box import Box
 from ..io.files import check_file
-from ..runtime.text import decoded, file_name, one_line, readable, unguarded
+from ..runtime.text import decoded, one_line, unguarded
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
 _VIEW = ("azimuth", "elevation")
+_OTHER_NAMES = dict(zip(("xmin", "ymin", "xmax", "ymax"), SIDES, strict=True))  # as in PASCAL VOC
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
 
     Args:
         path: a file in UTF-8, or in UTF-16 with a byte order mark.  Its columns are divided by commas; or by semicolons
-            or tabs, and then numbers may have a decimal comma.
+            or tabs, and then numbers may have a decimal comma.  Capitals in their names do not matter.
         required: columns that it must have; further ones may stand anywhere.
 
     Raises:
@@ -88,15 +90,24 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
     line, data = 1, read_list(path, "a CSV file")
     try:
         written = io.StringIO(decoded(data), newline=None).read()
+        written = re.sub(r"\Asep=.\n", "", written)  # a remark for spreadsheets
         delimiter = max(",;\t", key=written.partition("\n")[0].count)  # of equals the first
         reader = csv.DictReader(io.StringIO(written), delimiter=delimiter, skipinitialspace=True)
-        reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
-        missing = [name for name in required if name not in reader.fieldnames]
+        names = [name.strip().lower() for name in reader.fieldnames or ()]
+        names = [_OTHER_NAMES.get(name, name) for name in names]
+        reader.fieldnames = names
+        missing = [name for name in required if name not in names]
         if missing:
-            raise ValueError(f"expected the columns {', '.join(required)}, but {' and '.join(missing)} is missing")
+            divided = "divided by commas, semicolons or tabs"
+            raise ValueError(f"expected the columns {', '.join(required)}, {divided}, but {missing[0]} is missing")
+        twice = next((name for name in names if name and names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"expected one column {twice}, got {names.count(twice)}")
         rows = []
         for values in reader:
             line = reader.line_num
+            if any(values.pop(None, ())):  # commas in numbers shift all that follow
+                raise ValueError(f"expected {len(names)} values, one for each column, got more")
             rows.append(Row(f"{path}, line {line}", values, "." if delimiter == "," else ","))
     except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
         raise ValueError(f"{path}, line {line}: {one_line(error)}") from None
@@ -121,19 +132,15 @@ class ListedObject:
     box: Box | None = None
     initial: tuple[float, float] | None = None
 
-    @property
-    def photograph(self) -> str:
-        """The name of ``image`` in Unicode, for results."""
-        return readable(self.image)
-
 
 def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
     """The objects that a file lists, in its order.
 
     A CSV file has a line of column names and then a line for each object: ``image``, and where they are known ``x0``,
-    ``y0``, ``x1``, ``y1``, and ``azimuth`` and ``elevation``.  Other columns are not read; objects are numbered from 1.
-    A JSON file is like those of COCO: ``images`` with ``id`` and ``file_name``, ``annotations`` with ``id``,
-    ``image_id``, ``bbox`` (x, y, width, height) and perhaps ``azimuth`` and ``elevation``.
+    ``y0``, ``x1``, ``y1`` (or ``xmin``, ``ymin``, ``xmax``, ``ymax``), and ``azimuth`` and ``elevation``.  Other
+    columns are not read; objects are numbered from 1.  A JSON file is like those of COCO: ``images`` with ``id`` and
+    ``file_name``, ``annotations`` with ``id``, ``image_id``, ``bbox`` (x, y, width, height) and perhaps ``azimuth`` and
+    ``elevation``.
 
     Args:
         path: the file, in UTF-8.
@@ -204,7 +211,7 @@ def _id(row: Row, key: str) -> int:
 
 def _listed_object(number: int, row: Row, image: object) -> ListedObject:
     """The object of a row of either format."""
-    name = file_name(image.strip()) if isinstance(image, str) else ""
+    name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")

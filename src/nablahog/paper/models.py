@@ -15,7 +15,7 @@ from ..jobs.worker import local_path
 from ..pose.viewpoint_prior import FILE
 from ..render.mesh import Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
-from ..runtime.text import readable
+from ..runtime.text import unicode_of
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
 DEEPEST = 4  # folders below the one that is named
@@ -93,7 +93,7 @@ def _files_below(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _name(path: Path) -> str:
-    return readable(path.as_posix())  # names in any encoding can be printed
+    return unicode_of(path.as_posix())
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..hog.gradient import gray
 from ..io.files import check_folder
 from ..io.images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
-from ..runtime.text import readable
+from ..runtime.text import unicode_of
 
 
 @dataclass
@@ -39,9 +39,9 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
         ValueError: it holds no image file.
     """
     check_folder(folder, "images")
-    readable = image_endings()
+    unicode_of = image_endings()
     entries = sorted(_entries(folder, recursive))
-    files = [entry for entry in entries if entry.suffix.lower() in readable and not entry.is_dir()]
+    files = [entry for entry in entries if entry.suffix.lower() in unicode_of and not entry.is_dir()]
     if not files:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none")
     result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
@@ -82,4 +82,4 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 
 
 def _name(path: Path, folder: Path) -> str:
-    return readable(path.relative_to(folder).as_posix())
+    return unicode_of(path.relative_to(folder).as_posix())

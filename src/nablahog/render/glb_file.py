@@ -1,16 +1,16 @@
-"""Checks and repairs of the bytes of a GLB file (Khronos, glTF 2.0) before trimesh parses them."""
+"""GLB files: checks before anything is unpacked, and what trimesh misreads written out."""
 
 from __future__ import annotations
 
+import base64
 import json
-import math
 from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .polygons import MAX_FACES
+from .mesh_bytes import MAX_FACES
 
 MAX_NODES = 10_000  # in a GLB
 MAX_GLB_HEADER = 2**24  # bytes; Python's objects take about thirty times as many
@@ -20,6 +20,8 @@ MAX_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of th
 
 # extensions that change no geometry and hardly any brightness; others may change what numbers mean, as compression does
 _HARMLESS = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp_json_ld")
+_READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
+_NEVER_READ = ("EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_meshopt_compression")  # required or not
 # what the geometry and its brightness are made of; names, for instance, are not, which trimesh repeats
 _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of each of their entries (None: all keys)
     **dict.fromkeys(("asset", "scene", "accessors", "buffers", "bufferViews", "images", "textures")),
@@ -30,15 +32,16 @@ _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of 
 _PRIMITIVE = ("attributes", "indices", "material", "mode")
 _COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_INSTANCING = "EXT_mesh_gpu_instancing"
+_FLOAT = 5126
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of primitives; in the last two each index but two makes a triangle
 
 
 def plain_glb(data: bytes) -> bytes:
-    """A file with what geometry and brightness are made of alone, and what trimesh does not read written out.
+    """Rewrites a GLB for trimesh: one buffer, nothing that trimesh misreads, nothing but geometry and its brightness.
 
     Raises:
-        ValueError: it is damaged, needs an extension that is not known, or would unpack to much more than the file.
+        ValueError: it is damaged, needs an extension or a file that is not read, would unpack to much more than the
+            file, or exceeds a limit.
         Exception: any other, from parsing a damaged file.
     """
     if data[:4] != b"glTF" or len(data) < 20 or int.from_bytes(data[8:12], "little") > len(data):
@@ -47,11 +50,7 @@ def plain_glb(data: bytes) -> bytes:
     if end - 20 > MAX_GLB_HEADER:
         raise ValueError(f"its JSON has more than {MAX_GLB_HEADER:,} bytes")
     header = json.loads(data[20:end])
-    for name in header.get("extensionsRequired", ()):
-        if not str(name).startswith(_HARMLESS):
-            raise ValueError(f"it needs the extension {name}, which is not supported")
-    if any(_INSTANCING in node.get("extensions", ()) for node in header.get("nodes", ())):
-        raise ValueError(f"it uses the extension {_INSTANCING}, which is not supported")
+    _check_extensions(header)
     for uri in (buffer.get("uri", "data:") for buffer in header.get("buffers", ())):
         if not uri.startswith("data:"):
             raise ValueError(f"it needs the file {uri[:200]!r}, and only GLB files that need no other are read")
@@ -63,102 +62,138 @@ def plain_glb(data: bytes) -> bytes:
         mesh["primitives"] = _only(mesh["primitives"], _PRIMITIVE)
     if "materials" in header:
         plain["materials"] = [_plain_material(material) for material in header["materials"]]
-    rest = _Chunk(plain, data[end:]).plain(header.get("materials", ()))
+    if "scenes" not in plain:  # all that is on the top
+        below = {child for node in plain.get("nodes", ()) for child in node.get("children", ())}
+        plain["scenes"] = [{"nodes": [number for number in range(len(plain.get("nodes", ()))) if number not in below]}]
+    binary = _written_out(plain, data[end + 8 : end + 8 + int.from_bytes(data[end : end + 4], "little")])
     text = json.dumps(plain).encode()
-    lengths = [number.to_bytes(4, "little") for number in (20 + len(text) + len(rest), len(text))]
-    return b"".join([data[:8], *lengths, data[16:20], text, rest])
+    text += b" " * (-len(text) % 4)
+    chunks = [len(text).to_bytes(4, "little"), data[16:20], text, len(binary).to_bytes(4, "little"), b"BIN\0", binary]
+    return b"".join([data[:8], (12 + sum(map(len, chunks))).to_bytes(4, "little"), *chunks])
 
 
-class _Chunk:
-    """The binary chunk, to which :meth:`plain` adds; the header, which it changes, is to name it."""
+def _check_extensions(header: dict[str, Any]) -> None:
+    """Refuses a file that is not read, or wrongly, without an extension."""
+    used, accessors = header.get("extensionsUsed", ()), header.get("accessors", ())
+    needed = [name for name in header.get("extensionsRequired", ()) if not str(name).startswith((*_HARMLESS, *_READ))]
+    needed += [name for name in used if name in _NEVER_READ]
+    if not all("bufferView" in accessor or "sparse" in accessor for accessor in accessors):  # they are compressed
+        needed += [name for name in used if name == "KHR_draco_mesh_compression"]
+    if needed:
+        raise ValueError(f"it needs the extension {needed[0]}, which is not supported")
+    if any(any(part.get("weights", ())) for part in (*header.get("meshes", ()), *header.get("nodes", ()))):
+        raise ValueError("it is changed by morph targets, which are not supported")
 
-    def __init__(self, header: dict[str, Any], chunk: bytes) -> None:
-        self.header, self.chunk, self.added = header, chunk, list[bytes]()
-        self.accessors, self.views = header.get("accessors", []), header.get("bufferViews", [])
-        self.end = len(chunk) - 8 + -len(chunk) % 4
 
-    def plain(self, materials: Sequence[dict[str, Any]]) -> bytes:
-        """With what trimesh does not read written out: sparse accessors, fans, colours and places in textures."""
-        for accessor in [each for each in self.accessors if "sparse" in each]:
-            sparse = accessor.pop("sparse")
-            dense = self._numbers(accessor, accessor)
-            at = self._numbers({"count": sparse["count"], "type": "SCALAR"}, sparse["indices"])
-            dense[at[:, 0]] = self._numbers({**accessor, "count": sparse["count"]}, sparse["values"])
-            accessor |= {"bufferView": self._view(dense), "byteOffset": 0}
-        for primitive in [each for mesh in self.header.get("meshes", ()) for each in mesh["primitives"]]:
-            if primitive.get("mode") == _FAN:
-                self._cut(primitive)
-            attributes = primitive["attributes"]
-            if "COLOR_0" in attributes:  # trimesh takes those of 16 bits for 8
-                attributes["COLOR_0"] = self._accessor(self._floats(attributes["COLOR_0"]), 5126)
-            if "material" in primitive:
-                self._place(attributes, materials[primitive["material"]])
-        if not self.added:
-            return self.chunk
-        self.header["buffers"][0]["byteLength"] = self.end
-        padding = b"\0" * (-len(self.chunk) % 4)
-        return b"".join([self.end.to_bytes(4, "little"), self.chunk[4:], padding, *self.added])
+class _Binary:
+    """All buffers of a file as one, to which numbers can be added.  Changes the header."""
 
-    def _cut(self, fan: dict[str, Any]) -> None:
-        """Makes triangles of a fan."""
-        corners = np.arange(self.accessors[fan["attributes"]["POSITION"]]["count"])
-        if "indices" in fan:
-            accessor = self.accessors[fan["indices"]]
-            corners = self._numbers(accessor, accessor)[:, 0]
-        parts = np.broadcast_arrays(corners[:1], corners[1:-1], corners[2:])
-        triangles = np.stack(parts, axis=1).astype("<u4").reshape(-1, 1)
-        fan |= {"mode": _TRIANGLES, "indices": self._accessor(triangles, 5125)}
+    def __init__(self, header: dict[str, Any], binary: bytes) -> None:
+        self.views: list[dict[str, Any]] = header.get("bufferViews", [])
+        self.parts: list[bytes] = []
+        self.end = 0
+        starts = []
+        for number, buffer in enumerate(header.get("buffers", ())):
+            if number and "uri" not in buffer:
+                raise ValueError("it has more than one buffer in its binary part")
+            starts.append(
+                self._append(base64.b64decode(buffer["uri"].partition(",")[2]) if "uri" in buffer else binary)
+            )
+        for view in self.views:
+            view |= {"buffer": 0, "byteOffset": starts[view.get("buffer", 0)] + view.get("byteOffset", 0)}
+        self.given = b"".join(self.parts)
 
-    def _place(self, attributes: dict[str, int], material: dict[str, Any]) -> None:
-        """Makes the first places in textures those of the material's, where its texture is moved, too."""
-        texture = _texture(material)
-        moved = texture.get("extensions", {}).get("KHR_texture_transform", {})
-        number = moved.get("texCoord", texture.get("texCoord", 0))
-        if f"TEXCOORD_{number}" not in attributes or not (number or moved):
-            return
-        turn = moved.get("rotation", 0.0)
-        matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-        uv = self._floats(attributes[f"TEXCOORD_{number}"]) * moved.get("scale", (1, 1)) @ matrix.T
-        attributes["TEXCOORD_0"] = self._accessor((uv + moved.get("offset", (0, 0))).astype("<f4"), 5126)
+    def _append(self, part: bytes) -> int:
+        """Returns where it begins."""
+        self.parts += [part, b"\0" * (-len(part) % 4)]
+        self.end += len(part) + len(self.parts[-1])
+        return self.end - len(part) - len(self.parts[-1])
 
-    def _floats(self, number: int) -> NDArray[np.float32]:
-        """The numbers of an accessor; of integers as parts of their type's largest."""
-        accessor = self.accessors[number]
-        numbers = self._numbers(accessor, accessor)
-        scale = np.iinfo(numbers.dtype).max if numbers.dtype.kind in "iu" else 1
-        return (numbers / scale).astype("<f4")
+    def add(self, numbers: NDArray[Any]) -> dict[str, Any]:
+        """The entries of an accessor of these numbers that say where they are."""
+        start = self._append(numbers.tobytes())
+        self.views.append({"buffer": 0, "byteOffset": start, "byteLength": numbers.nbytes})
+        return {"bufferView": len(self.views) - 1, "byteOffset": 0}
 
-    def _accessor(self, numbers: NDArray[Any], kind: int) -> int:
-        """A new one of numbers (count, components) of a component type."""
-        names = {width: name for name, width in _COMPONENTS.items() if not name.startswith("MAT")}
-        shape = {"type": names[numbers.shape[1]], "count": len(numbers), "componentType": kind}
-        self.accessors.append({"bufferView": self._view(numbers), **shape})
-        return len(self.accessors) - 1
-
-    def _view(self, numbers: NDArray[Any]) -> int:
-        self.added.append(numbers.tobytes() + b"\0" * (-numbers.nbytes % 4))
-        self.views.append({"buffer": 0, "byteOffset": self.end, "byteLength": numbers.nbytes})
-        self.end += len(self.added[-1])
-        return len(self.views) - 1
-
-    def _numbers(self, shape: dict[str, Any], place: dict[str, Any]) -> NDArray[Any]:
-        """A copy of numbers (count, components) in the binary chunk; zeros where ``place`` names no view of it."""
+    def read(self, shape: dict[str, Any], place: dict[str, Any]) -> NDArray[Any]:
+        """A copy of numbers (count, components) that were given; zeros where ``place`` names no view."""
         kind = np.dtype(_COMPONENT_TYPES[{**shape, **place}["componentType"]])
         count, width = _count(shape, "count"), _COMPONENTS[shape["type"]]
         if "bufferView" not in place:
             return np.zeros((count, width), kind)
         view = self.views[place["bufferView"]]
-        if view.get("buffer", 0) != 0 or "uri" in self.header["buffers"][0]:
-            raise ValueError("its numbers are not in its binary chunk")
-        start = 8 + view.get("byteOffset", 0) + place.get("byteOffset", 0)
+        start = view["byteOffset"] + place.get("byteOffset", 0)
         strides = view.get("byteStride", width * kind.itemsize), kind.itemsize
-        return np.array(np.ndarray((count, width), kind, self.chunk, start, strides))
+        return np.array(np.ndarray((count, width), kind, self.given, start, strides))
 
 
-def _texture(material: dict[str, Any]) -> dict[str, Any]:
-    """Of its colour, and which one it is: number, set of places, extensions."""
-    texture: dict[str, Any] = _colour(material).get("baseColorTexture", {})
-    return texture
+def _written_out(header: dict[str, Any], given: bytes) -> bytes:
+    """All buffers as one, with what trimesh does not read written out at its end.  Changes the header.
+
+    That is sparse accessors, integers that stand for fractions, fans, and textures that are moved on their surface.
+    """
+    binary, accessors = _Binary(header, given), header.get("accessors", [])
+    for accessor in accessors:
+        sparse, is_fraction = accessor.pop("sparse", None), accessor.pop("normalized", False)
+        is_fraction = is_fraction and accessor["componentType"] != _FLOAT
+        if sparse is None and not is_fraction:
+            continue
+        dense = binary.read(accessor, accessor)
+        if sparse is not None:
+            at = binary.read({"count": sparse["count"], "type": "SCALAR"}, sparse["indices"])
+            dense[at[:, 0]] = binary.read({**accessor, "count": sparse["count"]}, sparse["values"])
+        if is_fraction:
+            dense = (dense / np.float32(np.iinfo(dense.dtype).max)).clip(-1).astype("<f4")
+            accessor["componentType"] = _FLOAT
+        accessor |= binary.add(dense)
+    binary.given = b"".join(binary.parts)
+    for primitive in [each for mesh in header.get("meshes", ()) for each in mesh["primitives"]]:
+        if primitive.get("mode") == _FAN:
+            _cut_fan(primitive, accessors, binary)
+        _move_texture(primitive, _texture_of(header, primitive), accessors, binary)
+    header["buffers"] = [{"byteLength": binary.end}]
+    return b"".join(binary.parts)
+
+
+def _cut_fan(fan: dict[str, Any], accessors: list[dict[str, Any]], binary: _Binary) -> None:
+    corners = np.arange(accessors[fan["attributes"]["POSITION"]]["count"])
+    if "indices" in fan:
+        corners = binary.read(accessors[fan["indices"]], accessors[fan["indices"]])[:, 0]
+    triangles = np.stack(np.broadcast_arrays(corners[:1], corners[1:-1], corners[2:]), axis=1).astype("<u4")
+    fan |= {"mode": _TRIANGLES, "indices": len(accessors)}
+    accessors.append({"componentType": 5125, "type": "SCALAR", "count": triangles.size} | binary.add(triangles))
+
+
+def _move_texture(
+    primitive: dict[str, Any], texture: dict[str, Any], accessors: list[dict[str, Any]], binary: _Binary
+) -> None:
+    """Gives the primitive the places in its texture that the texture asks for, moved as it says."""
+    transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
+    chosen = transform.get("texCoord", texture.get("texCoord", 0))
+    if not chosen and not transform:
+        return
+    attributes = primitive["attributes"]
+    places, count = attributes.get(f"TEXCOORD_{chosen}"), accessors[attributes["POSITION"]]["count"]
+    attributes.pop("TEXCOORD_0", None)
+    if places is not None and accessors[places]["count"] == count:
+        moved = _moved(binary.read(accessors[places], accessors[places]), transform)
+        attributes["TEXCOORD_0"] = len(accessors)
+        accessors.append({"componentType": _FLOAT, "type": "VEC2", "count": count} | binary.add(moved))
+
+
+def _texture_of(header: dict[str, Any], primitive: dict[str, Any]) -> dict[str, Any]:
+    if "material" not in primitive:
+        return {}
+    material: dict[str, dict[str, Any]] = header["materials"][primitive["material"]]["pbrMetallicRoughness"]
+    return material.get("baseColorTexture", {})
+
+
+def _moved(places: NDArray[Any], transform: dict[str, Any]) -> NDArray[np.float32]:
+    """Places (N, 2) in a texture as KHR_texture_transform moves them."""
+    angle = transform.get("rotation", 0)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved: NDArray[np.float32] = places * transform.get("scale", (1, 1)) @ turn + transform.get("offset", (0, 0))
+    return moved.astype("<f4")
 
 
 def _only(entries: Any, keys: Collection[str]) -> Any:
@@ -168,15 +203,10 @@ def _only(entries: Any, keys: Collection[str]) -> Any:
 
 def _plain_material(material: dict[str, Any]) -> dict[str, Any]:
     """Its colour and texture alone."""
-    return {"pbrMetallicRoughness": _colour(material)}
-
-
-def _colour(material: dict[str, Any]) -> dict[str, Any]:
-    """Its colour and texture, also by the names of the older model of glossy materials."""
     plain = material.get("pbrMetallicRoughness", {})
-    glossy = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
-    renamed = {key.replace("diffuse", "baseColor"): value for key, value in glossy.items() if key.startswith("diffuse")}
-    return {key: value for key, value in {**plain, **renamed}.items() if key.startswith("baseColor")}
+    older = material.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})  # which replaces them
+    plain |= {f"baseColor{key.removeprefix('diffuse')}": older[key] for key in older if key.startswith("diffuse")}
+    return {"pbrMetallicRoughness": {key: value for key, value in plain.items() if key.startswith("baseColor")}}
 
 
 def _check_sizes(header: dict[str, Any], size: int) -> None:

@@ -124,10 +124,10 @@ def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype)
 def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str | None = None) -> Mesh:
     """The mesh in a file, :meth:`~Mesh.normalized`, in the object's frame (z up, front to -y).
 
-    Formats, by the file's ending: OFF (with the colours of COFF), OBJ with MTL, PLY, STL, and GLB that needs no other
-    file.  Polygons become triangles, all geometries of a file one mesh, where GLB's nodes put them.  Triangles of no
-    area, repeated triangles and unused vertices are dropped; vertices at the very same place and of the same
-    brightness become one, so that triangles know their neighbours whatever the format.
+    Formats, by the file's ending: OFF (with the colours of COFF), OBJ with MTL, PLY, STL (with Magics' colours), and
+    GLB whose geometry is in the file.  Polygons become triangles, all geometries of a file one mesh, where GLB's nodes
+    put them.  Triangles of no area, repeated triangles and unused vertices are dropped; vertices at the very same place
+    and of the same brightness become one, so that triangles know their neighbours whatever the format.
 
     Brightness is 0.299 R + 0.587 G + 0.114 B of the file's numbers (no colour management).  The colour is, in this
     order, that of the texture at the vertex (a mean over 1/64 of the texture) times GLB's factor; the material's
@@ -136,8 +136,9 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
 
     The file is not trusted.  It is refused before it is unpacked if it has too many faces, or if the accessors, nodes
     or textures of a GLB would take much more memory than the file has bytes; the limits are constants of
-    :mod:`.mesh_bytes` and :mod:`.mesh_file`.  Of the files that an OBJ or a PLY names, only those in the same folder or
-    below are read; those that cannot be read are ignored.  Nothing is downloaded.
+    :mod:`.mesh_bytes`, :mod:`.glb_file` and :mod:`.mesh_file`.  Of the materials and textures that a file names, only
+    those in the same folder or below are read, and ShapeNet's in ``../images``; those that cannot be read are ignored.
+    Nothing is downloaded.
 
     Args:
         path: the file.

@@ -1,4 +1,4 @@
-"""Reading untrusted mesh files with trimesh: OFF, OBJ with MTL, PLY, STL and GLB."""
+"""Reading untrusted mesh files: OFF, PLY and STL, and with trimesh OBJ with MTL and GLB."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import io
 import logging
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,19 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..io.files import check_file
+from ..io.files import check_file, local_name
 from ..io.pixels import levels
 from ..runtime.text import one_line
-from .mesh_bytes import LIBRARIES, MAX_BYTES, MAX_PLY_ROWS, as_utf8, repair
+from .glb_file import plain_glb
+from .mesh_bytes import LIBRARIES, MAX_BYTES, MAX_FACES, as_utf8, plain_mtl, plain_obj
 from .off_file import read_off
-from .ply_file import Texture, read_ply
-from .polygons import BRIGHTNESS, MAX_FACES, Floats, Soup, gray_of
+from .ply_file import read_ply
+from .polygons import BRIGHTNESS, Floats, Soup, check_corners, gray_of
+from .stl_file import read_stl
 
 if TYPE_CHECKING:  # slow to import
     import trimesh
 
-MAX_BYTES_BESIDE = 2**29  # of all files that an OBJ or a PLY names; further ones are ignored
+MAX_PLY_ROWS = 4 * MAX_FACES  # vertices, faces and edges
+MAX_BYTES_BESIDE = 2**29  # of all files that another names; further ones are ignored
 LONGEST_NAME = 1000  # characters of the name of such a file
+DEEPEST = 8  # folders of another machine that are looked for here
 MAX_TEXELS = 2**28  # of all textures of a file: more take too long to decode
 TEXTURE = 64  # side that textures are shrunk to, in texels: vertices are farther apart than finer details
 
@@ -36,8 +40,17 @@ _FORMATS = {".off": "OFF", ".obj": "OBJ", ".ply": "PLY", ".stl": "STL", ".glb": 
 ENDINGS = tuple(_FORMATS)
 # of MTL's maps: a name, and then numbers, switches or a channel
 _OPTIONS = re.compile(r"^\s*(?:-[a-z]+(?:\s+(?:[-+.\d]+(?:e[-+]?\d+)?|on|off|[rgbmlz]))+\s+)*", re.IGNORECASE)
-# of MTL, a colour of one number, which counts for all three
-_GRAYS = re.compile(rb"^(\s*Kd\s+)([-+.\de]+)[ \t]*$", re.IGNORECASE | re.MULTILINE)
+_LIBRARY = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
+_IMAGES = "images"  # ShapeNet's folder of textures, beside that of the mesh
+# errors of parsers, and how they are told
+_NO_NUMBER = re.compile(
+    r"(?:could not convert string to float|invalid literal for int\(\).*?): (?:np\.\w+\()?b?'([^']*)'"
+)
+_REASONS = {
+    "inhomogeneous shape": "its vertices do not have three coordinates each",
+    "is out of bounds for axis": "a face refers to a vertex that it does not hold",
+    "could not be read to its end": "expected numbers with decimal points",
+}
 _SHRUNK = (0, 0)  # the key of a texture's small version; no file can have it
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # trimesh's remarks would go to the terminal
@@ -62,25 +75,33 @@ def read_soup(path: Path) -> Soup:
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # such a texture counts as unreadable
         try:
             return _joined(list(_pieces(path, kind)))
-        except IndexError:  # whose numbers are not those of the file
-            raise ValueError(f"{path}: a number of its faces or parts refers to what the file does not hold") from None
         except Exception as error:  # parsers of damaged files raise nearly anything
-            reason = one_line((str(error).splitlines() or [""])[0], 300) or type(error).__name__
+            reason = _reason(error)
             raise ValueError(f"{path}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
+
+
+def _reason(error: Exception) -> str:
+    text = (str(error).splitlines() or [""])[0]
+    if no_number := _NO_NUMBER.search(text):
+        return f"expected a number, such as -1.5, got {no_number[1]!r}"
+    known = next((reason for part, reason in _REASONS.items() if part in text), None)
+    return known or one_line(text, 300) or type(error).__name__
 
 
 def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     """The instances of the file's geometries."""
     data = path.read_bytes()
-    if kind in ("OFF", "PLY"):
-        soup, mapped = (read_off(as_utf8(data).decode()), None) if kind == "OFF" else read_ply(data, MAX_PLY_ROWS)
+    if kind in ("OFF", "PLY", "STL"):
+        if kind == "STL":
+            soup = read_stl(data, MAX_FACES)
+        else:
+            soup = read_off(as_utf8(data).decode()) if kind == "OFF" else read_ply(data, MAX_PLY_ROWS, _sampler(path))
         _check_faces(len(soup.faces))
-        sampled = None if mapped is None else _sampled_file(path, mapped)
-        yield soup if sampled is None else soup._replace(brightness=sampled)
+        yield soup
         return
     import trimesh
 
-    data = repair(data, kind)
+    data = plain_obj(data) if kind == "OBJ" else plain_glb(data)
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind.lower(), resolver=_beside(path), process=False)
     places = [scene.graph[node] for node in scene.graph.nodes_geometry]
     placed = [(matrix, scene.geometry[name]) for matrix, name in places]
@@ -88,7 +109,7 @@ def _pieces(path: Path, kind: str) -> Iterator[Soup]:
     faces = sum(len(geometry.faces) for _, geometry in placed)
     _check_faces(faces)
     textures = {id(texture): texture for _, geometry in placed if (texture := _texture(geometry)) is not None}
-    _check_texels(sum(texture.width * texture.height for texture in textures.values()))
+    _check_texels(list(textures.values()))
     brightness: dict[int, Floats] = {}  # by id of the geometry
     for matrix, geometry in placed:
         vertices = np.asarray(geometry.vertices, dtype=np.float64)
@@ -108,7 +129,9 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
         left = MAX_BYTES_BESIDE
 
         def absolute(self, name: str) -> Path:
-            named: Path = super().absolute(name)
+            named = (path.parent / name).resolve()
+            if not named.is_relative_to(path.parent.resolve().parent / _IMAGES):
+                named = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
                 raise ValueError(f"{name} is no regular file")
             if named.exists():
@@ -118,19 +141,23 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
             return named
 
         def get(self, name: str) -> bytes:
-            if name.startswith(LIBRARIES):
-                return b"\n".join(self.library(each) for each in name.split(LIBRARIES) if each)
-            if len(name) > LONGEST_NAME:  # each of its folders is looked up
-                raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
             data: bytes = super().get(_found(path.parent, name))
             return data
 
-        def library(self, names: str) -> bytes:
-            """Of materials: one whose name may have blanks, or several; those that are missing are empty."""
-            for each in ([names], names.split()):
-                found = [name for name in each if (path.parent / _found(path.parent, name)).is_file()]
+        def __getitem__(self, names: str) -> bytes:  # so trimesh asks for textures of GLB, and for the MTL files
+            if path.suffix.lower() != ".obj":
+                return self.get(names)
+            return b"\n".join(filter(None, (self._library(name) for name in names.split(LIBRARIES))))
+
+        def _library(self, name: str) -> bytes:
+            """The file of this name, or those that it names; what cannot be read is left out."""
+            for each in ([name], _LIBRARY.findall(name[:LONGEST_NAME])):
+                found = []
+                for one in each:
+                    with suppress(OSError, ValueError):
+                        found.append(plain_mtl(self.get(one)))
                 if found:
-                    return b"\n".join(_GRAYS.sub(rb"\1\2 \2 \2", as_utf8(self.get(name))) for name in found)
+                    return b"\n".join(found)
             return b""
 
     return Beside(str(path))
@@ -139,30 +166,41 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
 def _found(folder: Path, name: str) -> str:
     """The file in ``folder``, or below, that a material names: as it is, or as other systems and programs write it.
 
-    That is with options before it, in quotes, with backslashes, in other cases, or in a folder of another machine.
+    That is with options before it, in quotes, with backslashes, in other cases, or in a folder of another machine.  A
+    picture in ShapeNet's folder of them, beside that of the mesh, counts as below.
     """
+    if len(name) > LONGEST_NAME:  # each of its folders is looked up
+        raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
+    name = local_name(name)
     plain = _OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
-    for each in (name, plain, unquote(name)):
+    parts = [part for part in local_name(unquote(plain)).split("/") if part not in ("", ".", "..")][-DEEPEST:]
+    for each in (name, plain, *("/".join(parts[start:]) for start in range(len(parts)))):
         with suppress(OSError, ValueError):  # a name too long, or with a null byte
             if (folder / each).is_file():
                 return each
-    last = plain.rpartition("/")[2]
-    return {entry.name.lower(): entry.name for entry in folder.iterdir()}.get(last.lower(), plain)
+    return {entry.name.lower(): entry.name for entry in folder.iterdir()}.get(parts[-1].lower() if parts else "", plain)
 
 
-def _sampled_file(path: Path, texture: Texture) -> Floats | None:
-    """The brightness of the vertices of a PLY file by its texture; None if that is missing or damaged."""
-    try:
-        with Image.open(io.BytesIO(_beside(path)[texture.name])) as image:
-            _check_texels(image.width * image.height)
-            return _sampled(image, texture.uv)
-    except (OSError, Image.DecompressionBombWarning):
-        return None
+def _sampler(path: Path) -> Callable[[str, Floats], Floats | None]:
+    """The function that :func:`read_ply` asks for the brightness of the textures that ``path`` names."""
+    beside, read = _beside(path), []
+
+    def sample(name: str, places: Floats) -> Floats | None:
+        try:
+            texture = Image.open(io.BytesIO(beside[name]))
+        except Exception:  # what cannot be read is ignored
+            return None
+        read.append(texture)
+        _check_texels(read)
+        return _sampled(texture, places)
+
+    return sample
 
 
-def _check_texels(count: int) -> None:
-    if count > MAX_TEXELS:
-        raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {count:,}")
+def _check_texels(textures: Sequence[Image.Image]) -> None:
+    texels = sum(texture.width * texture.height for texture in textures)
+    if texels > MAX_TEXELS:
+        raise ValueError(f"at most {MAX_TEXELS:,} texels are allowed, got {texels:,}")
 
 
 def _check_faces(count: int) -> None:
@@ -174,8 +212,7 @@ def _joined(pieces: list[Soup]) -> Soup:
     if not any(len(piece.faces) for piece in pieces):
         raise ValueError("it holds no faces")
     for piece in pieces:
-        if len(piece.faces) and not (piece.faces.min() >= 0 and piece.faces.max() < len(piece.vertices)):
-            raise ValueError("a face refers to a vertex that it does not hold")
+        check_corners(piece.faces, len(piece.vertices))
         unused = np.ones(len(piece.vertices), dtype=bool)
         unused[piece.faces] = False
         piece.vertices[unused] = 0  # of depth cameras they are NaN

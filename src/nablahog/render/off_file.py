@@ -10,8 +10,8 @@ import numpy as np
 from .polygons import BRIGHTNESS, Floats, Soup, gray_of, soup_of
 
 # letters before the keyword: texture coordinates, colours, normals, and two that are not read
-_KEYWORD = re.compile(r"(ST)?(C)?(N)?(4)?(n)?(?:OFF|off)\b", re.ASCII)
-_GLUED = re.compile(r"((?:ST)?C?N?4?n?OFF)(?=[\d-])", re.ASCII)  # ModelNet's OFF8 6 0
+_KEYWORD = re.compile(r"((?:ST)?C?N?(?:ST)?)(4?n?)(?:OFF|off)\b", re.ASCII)
+_GLUED = re.compile(r"((?:ST)?C?N?(?:ST)?4?n?OFF)(?=[\d-])", re.ASCII)  # ModelNet's OFF8 6 0
 
 
 def read_off(text: str) -> Soup:
@@ -25,36 +25,41 @@ def read_off(text: str) -> Soup:
     """
     lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     head = _GLUED.sub(r"\1 ", lines[0]) if lines else ""
-    if head[:1].isdigit():  # the keyword may be left out
-        head = f"OFF {head}"
     keyword = _KEYWORD.match(head)
+    if keyword is None and head[:1].isdigit():  # it may be left out
+        keyword = _KEYWORD.match(head := f"OFF {head}")
     if keyword is None:
         raise ValueError("it does not begin with OFF, or COFF and the like")
-    if keyword[4] or keyword[5] or "BINARY" in head:
+    letters = keyword[1]
+    if keyword[2] or "BINARY" in head:
         raise ValueError(f"it begins with {head[:40]!r}, and only text with three coordinates a vertex is read")
     (vertex_count, face_count), lines = _counts([head[keyword.end() :], *lines[1:]])
     if min(vertex_count, face_count) < 0 or len(lines) < vertex_count + face_count:
         promised = f"{vertex_count:,} vertices and {face_count:,} faces"
         raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(lines):,} lines of them")
-    first = 3 + (3 if keyword[3] else 0)  # of the colours, behind place and normal
+    first = 6 if "N" in letters else 3  # of the colours, behind place and normal
     rows = [line.split() for line in lines[:vertex_count]]
+    if any(len(row) < 3 for row in rows):
+        raise ValueError("its vertices do not have three coordinates each")
     vertices = np.array([row[:3] for row in rows], dtype=np.float64).reshape(-1, 3)
-    of_vertices = _brightness([row[first : first + 3] for row in rows]) if keyword[2] else None
+    last = first + (3 if "S" in letters else 4)
+    of_vertices = _brightness([row[first:last] for row in rows]) if "C" in letters else None
     corners, colours = [], []
     for line in lines[vertex_count : vertex_count + face_count]:
         count, *numbers = line.split()
         if len(numbers) < int(count):
             raise ValueError(f"a face should have {count} corners, and has {len(numbers)}")
         corners.append(list(map(int, numbers[: int(count)])))
-        colours.append(numbers[int(count) : int(count) + 3])
-    of_faces = None
-    coloured = [number for number, each in enumerate(colours) if len(each) == 3]  # others have one of a table, or none
+        colours.append(numbers[int(count) : int(count) + 4])
+    of_corners = None
+    coloured = [number for number, each in enumerate(colours) if len(each) >= 3]  # others have one of a table, or none
     if coloured and of_vertices is None:
         of_faces = np.full(face_count, BRIGHTNESS)
         of_faces[coloured] = _brightness([colours[number] for number in coloured])
+        of_corners = of_faces.repeat([len(each) for each in corners])
     all_corners = np.array(list(chain.from_iterable(corners)), dtype=np.int64)
     counts = np.array([len(each) for each in corners], dtype=np.int64)
-    return soup_of(vertices, all_corners, counts, of_vertices=of_vertices, of_faces=of_faces)
+    return soup_of(vertices, all_corners, counts, of_vertices=of_vertices, of_corners=of_corners)
 
 
 def _counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
@@ -70,5 +75,5 @@ def _counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
 
 
 def _brightness(colours: list[list[str]]) -> Floats:
-    numbers = np.array(colours, dtype=np.float64).reshape(-1, 3)
-    return gray_of(numbers if numbers.max(initial=0) <= 1 else numbers.clip(0, 255).astype(np.uint8))
+    # with the alpha, which tells 0…255 from 0…1 where the colours are dark
+    return gray_of(np.array([[*each, "0"][:4] for each in colours], dtype=np.float64).reshape(-1, 4))

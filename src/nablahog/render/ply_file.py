@@ -1,26 +1,29 @@
-"""PLY files (Turk 1994), text or binary: vertices, polygons, their colours, and their places in a texture."""
+"""PLY files (Turk 1994), text or binary: vertices, polygons, and the colours of either."""
 
 from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Callable
 from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .polygons import Floats, Soup, gray_of, soup_of
+from .mesh_bytes import as_utf8
+from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, gray_of, soup_of
 
 MAX_HEADER = 2**20  # bytes
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
-    **{"double": "f8", "float64": "f8"},
+    **{"double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8"},
 }
 _CORNERS = ("vertex_indices", "vertex_index")
 _COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
-_PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))  # of a vertex in the texture
+_TEXTURED = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))  # coordinates of vertices in a texture
+_END = re.compile(rb"[\r\n][ \t]*end_header[ \t]*(?:\r\n|\n|\r)")
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 
 
@@ -40,30 +43,34 @@ class Element(NamedTuple):
     properties: list[Property]
 
 
-class Texture(NamedTuple):
-    """The name of an image file, and the place of each vertex (V, 2) in it."""
-
-    name: str
-    uv: Floats
-
-
 Columns = dict[str, NDArray[Any]]  # numbers of each column; of a list, of all rows one after the other
 
 
-def header_of(data: bytes) -> tuple[str | None, list[Element], int]:
-    """The order of bytes (None for text), the tables, and where the first begins.
+class Header(NamedTuple):
+    """The order of bytes (None for text), the tables, where the first begins, and the names of image files.
+
+    MeshLab writes these as remarks.
+    """
+
+    order: str | None
+    elements: list[Element]
+    start: int
+    textures: list[str]
+
+
+def header_of(data: bytes) -> Header:
+    """The header of a file.
 
     Raises:
         ValueError: it is no header, or longer than :data:`MAX_HEADER`.
     """
-    head, _, body = data.partition(b"end_header")
-    if len(head) > MAX_HEADER:
-        raise ValueError(f"its header has more than {MAX_HEADER:,} bytes")
-    rest = body.partition(b"\n")[0]
-    lines = [line.split() for line in head.decode("latin-1").splitlines()]
+    end = _END.search(data, 0, MAX_HEADER)
+    text = as_utf8(data[: end.start()]).decode() if end else ""
+    lines = [line.split() for line in re.split(r"[\r\n]+", text)]
     formats = [line[1] for line in lines if len(line) > 1 and line[0] == "format"]
-    if lines[:1] != [["ply"]] or len(formats) != 1 or formats[0] not in _ORDERS or rest.strip() or rest == body:
-        raise ValueError("it does not begin with ply, its format and a header to end_header")
+    if end is None or lines[:1] != [["ply"]] or len(formats) != 1 or formats[0] not in _ORDERS:
+        limit = f"of at most {MAX_HEADER:,} bytes"
+        raise ValueError(f"it does not begin with ply, its format and a header {limit} to end_header")
     elements: list[Element] = []
     for key, *words in filter(None, lines):
         if key == "element":
@@ -72,27 +79,39 @@ def header_of(data: bytes) -> tuple[str | None, list[Element], int]:
             if int(count) < 0:
                 raise _too_few(elements[-1])
         elif key == "property":
-            length, kind = (_TYPES[words[1]], words[2]) if words[0] == "list" else (None, words[0])
-            elements[-1].properties.append(Property(words[-1], _TYPES[kind], length))
-    return _ORDERS[formats[0]], elements, len(data) - len(body) + len(rest) + 1
+            kinds = words[1:-1] if words[0] == "list" else words[:1]
+            if any(kind not in _TYPES for kind in kinds):
+                raise ValueError(f"its numbers have the type {' or '.join(kinds)}, which is none of PLY's")
+            length = _TYPES[kinds[0]] if words[0] == "list" else None
+            elements[-1].properties.append(Property(words[-1].lower(), _TYPES[kinds[-1]], length))
+    textures = re.findall(r"(?m)^\s*comment\s+TextureFile\s+(.*\S)", text.replace("\r", "\n"))
+    return Header(_ORDERS[formats[0]], elements, end.end(), textures)
 
 
-def read_ply(data: bytes, most_rows: int) -> tuple[Soup, Texture | None]:
-    """The triangles of a PLY file, with the colours of its vertices, or else of its faces; and its texture, if any.
+def read_ply(data: bytes, most_rows: int, sample: Callable[[str, Floats], Floats | None]) -> Soup:
+    """The triangles of a PLY file, with the colours of its textures, or else of its vertices, or else of its faces.
 
     What follows the last table is not read.
+
+    Args:
+        data: the file.
+        most_rows: that it may have.
+        sample: returns the brightness of an image file at places (N, 2), as MTL has them; None if it cannot be read.
 
     Raises:
         ValueError: it is no such file, or rows are missing, or there are more than ``most_rows``.
     """
-    data = data.removeprefix(codecs.BOM_UTF8)
-    order, elements, at = header_of(data)
+    if data.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = as_utf8(data)
+    order, elements, at, textures = header_of(data)
     rows = sum(element.rows for element in elements)
     if rows > most_rows:
         raise ValueError(f"at most {most_rows:,} rows are allowed, got {rows:,}")
     tables: dict[str, Columns] = {}
-    lines = iter([] if order is not None else filter(None, map(bytes.split, data[at:].splitlines())))
+    lines = iter([] if order is not None else filter(None, map(bytes.split, as_utf8(data[at:]).splitlines())))
     for element in elements:
+        if element.name in tables:
+            raise ValueError(f"it has the element {element.name} twice")
         if order is None:
             tables[element.name] = _of_text(element, list(islice(lines, element.rows)))
         else:
@@ -100,37 +119,35 @@ def read_ply(data: bytes, most_rows: int) -> tuple[Soup, Texture | None]:
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
     if any(name not in vertex for name in "xyz"):
         raise ValueError("its vertices do not have three coordinates each")
-    name = next((name for name in _CORNERS if name in face), None)
-    if name is None:
-        strips = (
-            "its faces are strips of triangles, which are not read" if "tristrips" in tables else "it holds no faces"
-        )
-        raise ValueError(strips)
-    vertices = np.stack([vertex[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    corners, counts = face[name].astype(np.int64), face[_length(name)].astype(np.int64)
-    image, uv = _texture_file(data), _places(vertex)
-    if image is not None and np.array_equal(face.get(_length("texcoord"), ()), 2 * counts):  # of each corner
-        if corners.size and not (corners.min() >= 0 and corners.max() < len(vertices)):
-            raise ValueError("a face refers to a vertex that it does not hold")
-        vertices, vertex = vertices[corners], {}
-        corners, uv = np.arange(len(corners)), face["texcoord"].astype(np.float64).reshape(-1, 2)
-    of_vertices = _brightness(vertex)
-    texture = None if image is None or uv is None else Texture(image, uv)
-    of_faces = None if of_vertices is not None or texture is not None else _brightness(face)
-    return soup_of(vertices, corners, counts, of_vertices=of_vertices, of_faces=of_faces), texture
+    corners = next((name for name in _CORNERS if name in face), None)
+    if corners is None or "tristrips" in tables:
+        expected = "an element face with the list vertex_indices, and no strips"
+        raise ValueError(f"it holds no faces that are read: expected {expected}, got the elements {', '.join(tables)}")
+    if _length(corners) not in face:
+        raise ValueError(f"expected a list {corners} in the element face, got one number")
+    of_each, counts = face[corners].astype(np.int64), face[_length(corners)].astype(np.int64)
+    check_corners(of_each, len(vertex["x"]))
+    of_vertices, of_faces = _brightness(vertex), _brightness(face)
+    of_corners = None if of_vertices is not None or of_faces is None else of_faces.repeat(counts)
+    places = _places(vertex, face, of_each, counts) if textures else None
+    if places is not None:
+        which = face["texnumber"].repeat(counts) if "texnumber" in face else np.zeros(len(of_each))
+        if of_corners is None:
+            of_corners = np.full(len(of_each), BRIGHTNESS) if of_vertices is None else of_vertices[of_each]
+        for number, name in enumerate(textures):
+            sampled = sample(name, places[which == number])
+            if sampled is not None:
+                of_corners[which == number] = sampled
+    vertices = np.stack([vertex[name].astype(np.float64) for name in "xyz"], axis=1)
+    return soup_of(vertices, of_each, counts, of_vertices=of_vertices, of_corners=of_corners)
 
 
-def _texture_file(data: bytes) -> str | None:
-    """The image file that the header names, as MeshLab writes it."""
-    names = re.findall(rb"^comment TextureFile (.*?)\s*$", data[: data.find(b"end_header")], re.MULTILINE)
-    if len(names) > 1:
-        raise ValueError(f"at most one texture is read, it names {len(names)}")
-    return names[0].decode(errors="replace") if names else None
-
-
-def _places(vertex: Columns) -> Floats | None:
-    names = next((names for names in _PLACES if all(name in vertex for name in names)), None)
-    return None if names is None else np.stack([vertex[name].astype(np.float64) for name in names], axis=1)
+def _places(vertex: Columns, face: Columns, corners: Integers, counts: Integers) -> Floats | None:
+    """Where in a texture each corner is, (corners, 2), by the list of its face or by its vertex; None if unknown."""
+    if np.array_equal(face.get(_length("texcoord"), ()), 2 * counts):
+        return face["texcoord"].astype(np.float64).reshape(-1, 2)
+    names = next((names for names in _TEXTURED if all(name in vertex for name in names)), None)
+    return None if names is None else np.stack([vertex[name].astype(np.float64) for name in names], axis=1)[corners]
 
 
 def _length(name: str) -> str:

@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 BRIGHTNESS = 0.8
 """The brightness of a mesh without colours."""
 GRAY = (0.299, 0.587, 0.114)  # of R, G and B
-MAX_FACES = 5_000_000  # of a mesh file
+_OVERSHOOT = 1.1  # the largest float that is no level up to 255: filters leave more than 1
 MOST_CORNERS = 1000  # of a polygon that is not convex; its triangles take their square in time
 
 
@@ -26,21 +26,36 @@ class Soup(NamedTuple):
 
 
 def gray_of(colours: NDArray[Any]) -> Floats:
-    """Gray in 0…1 of colours (..., at least 3): integers up to their type's largest, or floats in 0…1."""
-    scale = np.iinfo(colours.dtype).max if colours.dtype.kind in "iu" else 1
-    gray: Floats = (colours[..., :3].astype(np.float64) / scale) @ np.array(GRAY)
-    return np.nan_to_num(gray).clip(0, 1)
+    """Gray in 0…1 of colours (..., 3 or 4).
+
+    White is 255, or 65535 or the type's largest if a number is above; of floats 1, or 255 if one is far above 1.
+    """
+    numbers = np.nan_to_num(colours.astype(np.float64))
+    largest = numbers.max(initial=0)
+    if colours.dtype.kind in "iu":
+        whites = (255, 65535, np.iinfo(colours.dtype).max)
+        white = min(whites[2], next(white for white in whites if largest <= white))
+    else:
+        white = 1 if largest <= _OVERSHOOT else 255
+    gray: Floats = (numbers[..., :3] / white) @ np.array(GRAY)
+    return gray.clip(0, 1)
 
 
 def soup_of(
-    vertices: Floats, corners: Integers, counts: Integers, *, of_vertices: Floats | None, of_faces: Floats | None
+    vertices: Floats, corners: Integers, counts: Integers, *, of_vertices: Floats | None, of_corners: Floats | None
 ) -> Soup:
-    """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of faces (P,), if known."""
-    faces, polygons = triangulated(vertices, corners, counts)
-    if of_faces is None:
-        return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
-    # a vertex for each corner, since neighbours may differ
-    return Soup(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), of_faces[polygons].repeat(3))
+    """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of corners, if known."""
+    check_corners(corners, len(vertices))
+    if of_corners is not None:  # a vertex for each corner, since neighbours may differ
+        vertices, of_vertices, corners = vertices[corners], of_corners, np.arange(len(corners))
+    faces, _ = triangulated(vertices, corners, counts)
+    return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
+
+
+def check_corners(corners: Integers, count: int) -> None:
+    """Raises ValueError unless all corners are among ``count`` vertices."""
+    if corners.size and not (corners.min() >= 0 and corners.max() < count):
+        raise ValueError("a face refers to a vertex that it does not hold")
 
 
 def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple[Integers, Integers]:
@@ -57,8 +72,7 @@ def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple
     Raises:
         ValueError: a corner is no vertex, or a polygon that is not convex has more than :data:`MOST_CORNERS` corners.
     """
-    if corners.size and not (corners.min() >= 0 and corners.max() < len(vertices)):
-        raise ValueError("a face refers to a vertex that it does not hold")
+    check_corners(corners, len(vertices))
     starts = counts.cumsum() - counts
     triangles, polygons = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     for count in np.unique(counts[counts >= 3]).tolist():

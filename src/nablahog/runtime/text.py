@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import os
 
 MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
@@ -19,14 +18,9 @@ def decoded(data: bytes) -> str:
     return data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
 
 
-def file_name(text: str) -> str:
-    """The name of a file that a list has, in the encoding that this system's locale gives to names of files."""
-    return os.fsdecode(text.encode(errors="surrogateescape"))
-
-
-def readable(name: str | os.PathLike[str]) -> str:
-    """The name of a file in Unicode, whatever the locale; with escapes for bytes that are none."""
-    return os.fsencode(name).decode(errors="backslashreplace")
+def unicode_of(name: str) -> str:
+    """A file's name as text that can be written: names may be in any encoding, and the locale may lack letters."""
+    return name.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def printable(text: str) -> str:

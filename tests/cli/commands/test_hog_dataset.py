@@ -72,7 +72,8 @@ def test_what_is_done_is_kept(photos: Path, tmp_path: Path, monkeypatch: pytest.
 
 
 def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
-    (tmp_path / "list.txt").write_text(f"{photos / '2.png'}\n\n{photos / '5.png'}\n", encoding="utf-16")
+    lines = ["# some of them", f'"{photos / "2.png"}"', "", str(photos / "[5].png")]
+    (tmp_path / "list.txt").write_text("\n".join(lines), encoding="utf-16")
     inputs = [str(photos / "[01].png"), (photos / "3.png").as_uri(), f"@{tmp_path / 'list.txt'}"]
     assert main(["hog", *inputs, "-o", str(tmp_path / "o.parquet"), "--quiet"]) == 0
     assert [Path(row.path).name for row in DescriptorDataset(str(tmp_path / "o.parquet"))] == [
@@ -84,12 +85,14 @@ def test_archives_and_brackets(photos: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
         for k in (0, 1):
             archive.write(photos / f"{k}.png", f"in/{k + 9}.png")
-    name = f"zip://in/*.png::{tmp_path / 'photos.zip'}"
+        archive.writestr("in/._9.png", "of a Mac")
+        archive.write(photos / "2.png", "b[1].png")
+    name, bracket = (f"zip://{each}.png::{tmp_path / 'photos.zip'}" for each in ("in/*", "b[1]"))
     out = str(tmp_path / "run[1].parquet")
     for _ in range(2):  # the second time there is nothing to do
-        assert main(["hog", name, "-o", out, "--quiet"]) == 0
+        assert main(["hog", name, bracket, "-o", out, "--quiet"]) == 0
     rows = list(DescriptorDataset(out))
-    assert [row.path.partition("::")[0] for row in rows] == ["zip://in/9.png", "zip://in/10.png"]
+    assert [row.path.partition("::")[0] for row in rows] == ["zip://in/9.png", "zip://in/10.png", "zip://b[1].png"]
     assert all(row.error is None for row in rows)
 
 
@@ -111,6 +114,7 @@ def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., No
     refused("hog", *[other] * 4, "-o", out, message="is of other images, or of another descriptor")
     refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="expected another -o")
     refused("hog", one, "-o", out, message="holds 1 more shards than these images make")
+    refused("hog", f"zip://*.png::{bad}", "-o", str(tmp_path / "q.parquet"), message="File is not a zip file")
     refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor")
     (tmp_path / "s.parquet").write_bytes(b"x")
     refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")

@@ -125,16 +125,18 @@ def test_a_model_of_voc_release5(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert page.count("data:image/png;base64,") == 2 * 4
 
 
-def test_a_detector_that_opencv_saved(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ending", ["yml", "xml.gz", "json"])
+def test_a_detector_that_opencv_saved(tmp_path: Path, ending: str) -> None:
     hog = HOGDescriptor((32, 32), (16, 16), (8, 8), (8, 8), 9)
     without = str(tmp_path / "without.yml")
     hog.save(without)
     hog.setSVMDetector(np.random.default_rng(0).normal(size=hog.getDescriptorSize() + 1))
-    hog.save(str(tmp_path / "detector.yml"))
+    detector = str(tmp_path / f"detector.{ending}")
+    hog.save(detector)
     out = tmp_path / "out"
-    assert main(["invert", str(tmp_path / "detector.yml"), without, "--template", "-o", str(out), "--quiet"]) == 3
-    assert {"detector_positive_preimage.png", "detector_negative_preimage.png"} <= set(names(out))
-    with Image.open(out / "detector_positive_preimage.png") as picture:
+    assert main(["invert", detector, without, "--template", "-o", str(out), "--quiet"]) == 3
+    assert {f"{Path(detector).stem}_{sign}_preimage.png" for sign in ("positive", "negative")} <= set(names(out))
+    with Image.open(out / f"{Path(detector).stem}_positive_preimage.png") as picture:
         assert picture.size == (32, 32)
 
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 from PIL import Image
 
 from ...io.descriptor_file import save_descriptor
-from ...io.files import natural_order, output_folder
+from ...io.files import local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
-from ...runtime.text import decoded, file_name
+from ...runtime.text import decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
@@ -152,35 +152,50 @@ def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -
 
 def _paths(arguments: Namespace) -> list[str]:
     """All images, in order: files, folders, patterns, URLs, and lists of these."""
-    listed = [name[1:] for name in arguments.inputs if name.startswith(LIST)]
-    plain = [name for name in arguments.inputs if not name.startswith(LIST) and "://" not in name]
-    paths = expand(Namespace(**{**vars(arguments), "inputs": plain}), image_endings()).paths if plain else []
-    for name in arguments.inputs:
+    named = [name for name in arguments.inputs if not name.startswith(LIST)]
+    plain = [name for name in named if "://" not in name]
+    paths = _expanded(arguments, plain) if plain else []
+    for name in named:
         if "://" in name:
             paths += _urls(name)
-    for name in listed:
-        try:
-            lines = decoded(Path(name).read_bytes()).splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
-        paths += [file_name(line.strip()) for line in lines if line.strip()]
+    for name in arguments.inputs:
+        for line in map(local_name, _lines(name[1:]) if name.startswith(LIST) else ()):
+            if "://" in line:  # signed ones have question marks, and a store is not asked for each
+                paths += _urls(line) if "*" in line else [line]
+            else:
+                paths += _expanded(arguments, [line]) if os.path.isdir(line) or glob.has_magic(line) else [line]
     if not paths:
         raise UserError("there are no images among the inputs")
     return paths
+
+
+def _expanded(arguments: Namespace, names: list[str]) -> list[str]:
+    return expand(Namespace(**{**vars(arguments), "inputs": names}), image_endings()).paths
+
+
+def _lines(name: str) -> list[str]:
+    """The entries of a list: lines without blanks and quotes around them; remarks (#) and empty ones are left out."""
+    try:
+        lines = [line.strip() for line in decoded(Path(name).read_bytes()).splitlines()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
+    lines = [line[1:-1] if len(line) > 1 and line[0] == line[-1] == '"' else line for line in lines]
+    return [line for line in lines if line and not (line.startswith("#") and not os.path.exists(line))]
 
 
 def _urls(name: str) -> list[str]:
     """The images of a URL: of a file, pattern or folder; each with the chain, as in ``zip://*.jpg::photos.zip``."""
     system, path = _storage(name)
     with as_user_error(f"{name}: "):
-        if any(letter in path for letter in "*?["):
+        if glob.has_magic(path) and not system.exists(path):
             found = list(map(str, system.glob(path)))
         elif system.isdir(path):
             found = list(map(str, system.ls(path, detail=False)))
         else:
             found = [path]
         endings = image_endings()
-        images = sorted((each for each in found if Path(each).suffix.lower() in endings), key=natural_order)
+        visible = (each for each in found if each == path or not Path(each).name.startswith("."))
+        images = sorted((each for each in visible if Path(each).suffix.lower() in endings), key=natural_order)
     links = name.split("::")
     if len(links) == 1:
         return [system.unstrip_protocol(each) for each in images]
@@ -196,7 +211,7 @@ def _storage(name: str) -> tuple[Any, str]:
 
     try:
         system, path = fsspec.core.url_to_fs(name)
-    except (ValueError, ImportError, OSError) as error:
+    except Exception as error:  # archives and stores that cannot be opened raise nearly anything
         raise UserError(f"{name}: {error}") from None
     return system, str(path)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...hog.box import Box
-from ...io.files import check_folder, output_folder
+from ...io.files import check_folder, local_name, output_folder
 from ...io.images import read_exif_focal, read_image
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
@@ -25,7 +25,7 @@ from ...pose.options import Lens, SearchMethod
 from ...render import Mesh, load_mesh, sample_chairs
 from ...render.mesh import Y_UP, axes
 from ...runtime.cache import code_key
-from ...runtime.text import readable
+from ...runtime.text import unicode_of
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, names, pose_figures, rows, write
 from ..results.pose_page import close_up, pose_page
@@ -89,13 +89,13 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
-        objects = [ListedObject(k, photo.name, box, arguments.init) for k, box in enumerate(boxes, 1)]
+        objects = [ListedObject(k, unicode_of(photo.name), box, arguments.init) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.init is not None or arguments.mask is not None:
         raise ValueError("--annotations says which boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
     objects = read_objects(arguments.annotations)
-    return objects, [photo / one.image for one in objects]
+    return objects, [photo / local_name(one.image) for one in objects]
 
 
 def _models(arguments: Namespace) -> Models:
@@ -109,7 +109,7 @@ def _models(arguments: Namespace) -> Models:
     path = Path(arguments.mesh)
     if path.is_dir():
         return read_models(path)
-    return Models({readable(path.stem): path}, [])
+    return Models({unicode_of(path.stem): path}, [])
 
 
 def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:

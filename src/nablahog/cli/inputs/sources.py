@@ -22,10 +22,10 @@ from ...hog.descriptor import describe
 from ...hog.gradient import gray
 from ...io.arrays import is_archive, is_raw, naming
 from ...io.descriptor_file import StoredDescriptor, load_descriptor
-from ...io.files import distinct_stems, natural_order
+from ...io.files import distinct_stems, local_name, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.pixels import MAX_BYTES
-from ...runtime.text import readable
+from ...runtime.text import unicode_of
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import Skipping, UserError, as_user_error
@@ -120,7 +120,7 @@ class Source:
     @property
     def name(self) -> str:
         """The name of the file without its folders, printable, and the part."""
-        file = readable(Path(self.path).name) if self.path != STDIN else "stdin"
+        file = unicode_of(Path(self.path).name) if self.path != STDIN else "stdin"
         return f"{file}, {self.part}" if self.part else file
 
     @cached_property
@@ -153,7 +153,7 @@ class Inputs:
                     with self.skipping.each(row.path):
                         if row.stored is None:
                             raise ValueError(f"{row.path}: {row.error}")
-                        source = _from_stored(row.path, f"{number:06d}_{Path(row.path).stem}", row.stored)
+                        source = _from_stored(row.path, f"{number:06d}_{local_name(Path(row.path).stem)}", row.stored)
                         check(source)
                         sources.append(source)
                 if sources:

@@ -6,7 +6,6 @@ import math
 from argparse import Namespace
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -25,7 +24,7 @@ from .sources import Inputs, Source, expand, read_each
 
 # width x height of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: "64x128", 1980: "48x96"}
-OPENCV_ENDINGS = (".yml", ".yaml", ".xml")  # of what cv2.HOGDescriptor.save writes
+OPENCV_ENDINGS = (".yml", ".yaml", ".xml", ".json")  # of what cv2.HOGDescriptor.save writes, perhaps with .gz
 SIGNS = {"positive": 1, "negative": -1}
 
 
@@ -33,7 +32,7 @@ def read_template_inputs(arguments: Namespace) -> Inputs:
     """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives."""
     with as_user_error():
         spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
-    expanded = expand(arguments, (".mat", ".npy", ".npz", *OPENCV_ENDINGS))
+    expanded = expand(arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
 
     def read(path: str, stem: str) -> list[Source]:
         return [
@@ -56,16 +55,16 @@ def _signed(template: Source, stem: str, sign: str) -> Source:
 def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOptions) -> list[Source]:
     """The templates in a file: weights in place of descriptors; of several, ``part`` says which one it is.
 
-    It is a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved with its detector (.yml, .xml), or an array
-    of weights (.npy, .npz, .mat) in the layout of its library; a bias after the weights is ignored.  OpenCV's people
-    detectors are recognised by their length.
+    It is a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved with its detector (.yml, .xml, .json, also
+    .gz), or an array of weights (.npy, .npz, .mat) in the layout of its library; a bias after the weights is ignored.
+    OpenCV's people detectors are recognised by their length.
     """
-    if Path(path).suffix.lower() in OPENCV_ENDINGS:
+    if path.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
         return [_of_opencv(path)]
     if not is_raw(path):
         raise ValueError(
-            f"{path}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml), or an "
-            "array of weights (.npy, .npz, .mat); of a dlib detector, save its weights as one"
+            f"{path}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml, .json), "
+            "or an array of weights (.npy, .npz, .mat); of a dlib detector, save its weights as one"
         )
     if is_dpm_file(path):
         model = load_dpm(path)

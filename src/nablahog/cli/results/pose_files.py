@@ -157,7 +157,7 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
     for one in objects:
-        row: dict[str, Any] = {"image": one.listed.photograph, "id": one.listed.id, "error": one.failure}
+        row: dict[str, Any] = {"image": one.listed.image, "id": one.listed.id, "error": one.failure}
         row |= dict(zip(_SIDES, one.figures.get("box", one.listed.box) or (), strict=False))
         if one.figures:
             row |= {name: one.figures[name] for name in figures}
@@ -170,15 +170,15 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
 def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
     """All figures, ready for JSON, in COCO's form: images, categories, which are models, and annotations."""
     posed = [one for one in objects if one.figures]
-    images = {name: k for k, name in enumerate(dict.fromkeys(one.listed.photograph for one in objects), 1)}
-    sizes = {one.listed.photograph: one.figures["image_size"] for one in posed}
+    images = {name: k for k, name in enumerate(dict.fromkeys(one.listed.image for one in objects), 1)}
+    sizes = {one.listed.image: one.figures["image_size"] for one in posed}
     models = {name: k for k, name in enumerate(sorted({one.figures["model"] for one in posed}), 1)}
     annotations = []
     for one in posed:
         x0, y0, x1, y1 = one.figures["box"]
         annotation = {
             "id": one.listed.id,
-            "image_id": images[one.listed.photograph],
+            "image_id": images[one.listed.image],
             "category_id": models[one.figures["model"]],
             "bbox": [x0, y0, x1 - x0, y1 - y0],
             "area": (x1 - x0) * (y1 - y0),
@@ -196,7 +196,7 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
         "categories": [{"id": k, "name": name} for name, k in models.items()],
         "annotations": annotations,
         "failed": [
-            {"id": one.listed.id, "file_name": one.listed.photograph, "error": one.failure}
+            {"id": one.listed.id, "file_name": one.listed.image, "error": one.failure}
             for one in objects
             if not one.figures
         ],
@@ -209,7 +209,7 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "photograph": one.listed.photograph,
+            "photograph": one.listed.image,
             "object": one.listed.id,
             **{name: one.figures.get(name) for name in shown},
             **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),
@@ -222,9 +222,9 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     panels = []
     for one in objects[:SHOWN]:
         if one.picture is not None:
-            name = f"{one.listed.photograph}, {one.listed.id}"
+            name = f"{one.listed.image}, {one.listed.id}"
             panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
-    failed = [{"photograph": one.listed.photograph, "why": one.failure} for one in objects if not one.figures]
+    failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if not one.figures]
     first = "" if len(objects) <= SHOWN else f" Of the first {SHOWN}."
     sections = [
         html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),

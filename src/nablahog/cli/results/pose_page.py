@@ -20,7 +20,6 @@ from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
 from ...render.renderer import Method
-from ...runtime.text import readable
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
@@ -75,12 +74,11 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    shown = readable(name)
-    row = {"photograph": shown, **{key: getattr(estimate, key) for key in _FIGURES}}
+    row = {"photograph": name, **{key: getattr(estimate, key) for key in _FIGURES}}
     row |= {"azimuth": "any"} if estimate.any_azimuth else {}
     mind = warning(estimate)
     return html.page(
-        f"Pose of {shown}",
+        f"Pose of {name}",
         LEAD if mind is None else f"{LEAD} Mind that {mind}.",
         [row],
         sections,
