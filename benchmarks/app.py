@@ -87,7 +87,7 @@ new MutationObserver((_, observer) => {
 document.querySelector("#invert-start").click();
 """
 PHOTO = b"\x89PNG\r\n\x1a\n" + bytes(400_000)
-SCENE = {"photo": "scene-chair", "mesh": "chair-3"}
+SCENE = {"photo": "scene-chair", "mesh": "chair-wooden-0"}
 LONG: dict[str, dict[str, Any]] = {
     "/api/invert": {"photo": "sample-astronaut", "size": 512, "method": "no-prior"},
     "/api/pose": {**SCENE, "method": "paper"},
@@ -129,7 +129,7 @@ def measure(page: Page, repeats: int) -> None:
         rates.append((len(times) - 2) / (times[-2] - times[0]) * 1000)
     said("first frame of a pre-image, 256²", first[1:], "ms", "300")
     said("frames a second", rates[1:], "", "≥ 10")
-    page.open("#/fit?photo=scene-chair&mesh=chair-3")
+    page.open("#/fit?photo=scene-chair&mesh=chair-wooden-0")
     page.click("#fit-open")
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
