@@ -72,7 +72,7 @@ def test_attributes(arguments: tuple[Any, ...]) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_five_arguments_or_none(count: int) -> None:
-    with pytest.raises(TypeError, match=r"got None|there is no _nbins"):
+    with pytest.raises(TypeError, match="at least the first five"):
         HOGDescriptor(*FIVE[:count])
     with pytest.raises(cv2.error):
         cv2.HOGDescriptor(*FIVE[:count])
@@ -220,7 +220,7 @@ def test_images_are_refused(image: Any, error: type[Exception], words: str) -> N
         ({"winStride": (8, 0)}, ValueError, "winStride must be at least 1"),
         ({"winStride": 8}, TypeError, "winStride must be a pair"),
         ({"padding": (8.0, 8)}, TypeError, "padding must be a pair"),
-        ({"locations": [(0.5, 0)]}, TypeError, "locations must be pairs"),
+        ({"locations": [(0.5, 0)]}, TypeError, "each of locations must be a pair"),
     ],
 )
 def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:

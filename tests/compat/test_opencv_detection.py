@@ -207,7 +207,7 @@ def test_groups_are_opencvs(seed: int, threshold: int) -> None:
     [
         ({"hitThreshold": "0"}, TypeError, "hitThreshold must be a number, got '0'"),
         ({"winStride": (8, -8)}, ValueError, "winStride must be at least 1"),
-        ({"scale": None}, TypeError, "scale must be a number, got None"),
+        ({"scale": "1"}, TypeError, "scale must be a number, got '1'"),
     ],
 )
 def test_options_are_refused(options: dict[str, Any], error: type[Exception], words: str) -> None:
