@@ -72,7 +72,7 @@ def test_attributes(arguments: tuple[Any, ...]) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_five_arguments_or_none(count: int) -> None:
-    with pytest.raises(TypeError, match=r"got None|there is no _nbins"):
+    with pytest.raises(TypeError, match="at least the first five"):
         HOGDescriptor(*FIVE[:count])
     with pytest.raises(cv2.error):
         cv2.HOGDescriptor(*FIVE[:count])

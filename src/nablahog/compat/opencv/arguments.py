@@ -1,7 +1,12 @@
-"""Checks of OpenCV's arguments: pairs (x, y), images of bytes, places."""
+"""Checks of OpenCV's arguments, which takes what its bindings for Python take: other types raise TypeError.
+
+Numbers are Python's or NumPy's scalars, never arrays of one entry; a truth value is no number.  None is the default.
+"""
 
 from __future__ import annotations
 
+import importlib
+import os
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -11,9 +16,12 @@ from numpy.typing import NDArray
 Size: TypeAlias = tuple[int, int]  # (width, height), as everywhere in OpenCV
 Locations: TypeAlias = Sequence[Sequence[int]] | NDArray[np.integer]
 
+# of OpenCV's arrays; the last two are read only
+_DEPTHS = ["uint8", "int8", "uint16", "int16", "int32", "float16", "float32", "float64", "int64", "uint64"]
 
-def integer(name: str, value: Any, default: int) -> int:
-    """An integer of 32 bits, also of NumPy, but no truth value; the default for None."""
+
+def integer(name: str, value: Any, default: int = 0) -> int:
+    """An integer of 32 bits."""
     value = default if value is None else value
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not -(2**31) <= value < 2**31:
         raise TypeError(f"{name} must be an integer of 32 bits, got {value!r}")
@@ -21,32 +29,41 @@ def integer(name: str, value: Any, default: int) -> int:
 
 
 def number(name: str, value: Any, default: float) -> float:
-    """A number, also of NumPy, but no truth value; the default for None."""
+    """A real number of 64 bits."""
     value = default if value is None else value
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, bool | np.longdouble) or not isinstance(value, int | float | np.integer | np.floating):
         raise TypeError(f"{name} must be a number, got {value!r}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise TypeError(f"{name} must be a number of 64 bits, got an integer that is larger") from None
 
 
-def truth(name: str, value: Any) -> bool:
-    """True or False, also of NumPy, or an integer; False for None."""
-    if value is not None and not isinstance(value, int | np.integer | np.bool_):
+def flag(name: str, value: Any) -> bool:
+    """A truth value, or an integer; False by default."""
+    if value is not None and not isinstance(value, bool | np.bool_ | int | np.integer):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
 
 
 def pair(name: str, value: Any) -> Size:
-    """A pair (x, y) of integers; 0 in the place of None."""
+    """A sequence of two integers, x and y."""
     try:
-        if isinstance(value, Sequence | np.ndarray):
-            across, down = (integer(name, each, 0) for each in value)
-            return across, down
+        across, down = value if isinstance(value, Sequence | np.ndarray) else ()
+        return integer(name, across), integer(name, down)
     except (TypeError, ValueError):
-        pass
-    raise TypeError(f"{name} must be a pair (width, height) of integers of 32 bits, got {value!r}")
+        raise TypeError(f"{name} must be a pair (width, height) of integers, got {value!r}") from None
 
 
-def stride(value: object, default: Size) -> Size:
+def text(name: str, value: Any) -> str:
+    """A text; bytes are decoded as names of files are."""
+    try:
+        return os.fsdecode(value)
+    except TypeError:
+        raise TypeError(f"{name} must be a text, got {value!r}") from None
+
+
+def stride(value: Any, default: Size) -> Size:
     """``winStride``; the default for None and (0, 0)."""
     step = default if value is None else pair("winStride", value)
     step = default if step == (0, 0) else step
@@ -55,34 +72,68 @@ def stride(value: object, default: Size) -> Size:
     return step
 
 
-def margins(value: object) -> Size:
-    """``padding`` of either axis; negative numbers are 0."""
-    across, down = (0, 0) if value is None else pair("padding", value)
-    return max(across, 0), max(down, 0)
+def margins(name: str, value: Any) -> tuple[Size, int, int]:
+    """A padding of either axis, of which negative numbers are 0; and what these leave out."""
+    across, down = (0, 0) if value is None else pair(name, value)
+    return (max(across, 0), max(down, 0)), max(-across, 0), max(-down, 0)
 
 
-def from_umat(value: Any) -> Any:
-    """The array of a ``cv2.UMat``, which may be on a GPU; anything else as it is."""
-    return value.get() if type(value).__name__ == "UMat" else value
+def is_umat(value: Any) -> bool:
+    """Whether it is a ``cv2.UMat``, without OpenCV."""
+    return type(value).__name__ == "UMat"
+
+
+def array(name: str, value: Any) -> NDArray[Any]:
+    """An array, ``cv2.UMat`` or tuple as OpenCV has it: (rows, cols, channels), or of more dimensions, as they are."""
+    if is_umat(value):
+        if value.isSubmatrix():  # OpenCV also uses the pixels around it, which cannot be read
+            raise ValueError(f"{name} must be a whole UMat, got a part of another; its get() is an array of the part")
+        pixels = value.get()
+        value = () if pixels is None else pixels
+    if not isinstance(value, np.ndarray | tuple):
+        raise TypeError(f"{name} must be an array, got {type(value).__name__}")
+    values = np.atleast_1d(value)
+    if values.dtype.name not in _DEPTHS or not values.dtype.isnative:
+        raise TypeError(f"{name} must be an array of numbers that OpenCV knows, got {values.dtype}")
+    if not getattr(value, "wrap_channels", values.ndim == 3):  # an attribute of cv2.Mat
+        values = values[..., None]
+    return values[:, None] if values.ndim == 2 else values
 
 
 def image(img: Any) -> NDArray[np.uint8]:
     """The image with its channels, (rows, cols, channels), contiguous."""
-    img = from_umat(img)
-    if not isinstance(img, np.ndarray) or img.dtype != np.uint8:
-        kind = img.dtype if isinstance(img, np.ndarray) else type(img).__name__
-        raise TypeError(f"img must be an array of uint8, got {kind}")
-    pixels = img.reshape(*img.shape, *(1,) * (3 - img.ndim))
+    pixels = array("img", img)
+    if pixels.dtype != np.uint8:
+        raise TypeError(f"img must be an array of uint8, got {pixels.dtype}")
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not pixels.size:
-        raise ValueError(f"img must have the shape (rows, cols), or 1 or 3 channels behind, got {img.shape}")
+        shape = getattr(img, "shape", pixels.shape)
+        raise ValueError(f"img must have the shape (rows, cols), or 1 or 3 channels behind, got {shape}")
     return np.ascontiguousarray(pixels)
 
 
+def output(name: str, value: Any, result: Any) -> Any:
+    """The result, in the array or ``cv2.UMat`` that is to hold it if that is of its kind, shape and dtype."""
+    if is_umat(value):
+        return importlib.import_module("cv2").copyTo(result, None, value)
+    if not isinstance(value, np.ndarray):
+        if value is not None and not isinstance(value, int | float | tuple):
+            raise TypeError(f"{name} must be None or an array to write to, got {type(value).__name__}")
+        return result
+    if not value.flags.writeable or min(value.strides, default=0) < 0 or not value[:1].flags.c_contiguous:
+        raise ValueError(f"{name} must be an array that can be written to row by row, got another layout")
+    if value.dtype.name not in _DEPTHS[:8]:
+        raise TypeError(f"{name} must be an array of numbers that OpenCV knows, got {value.dtype}")
+    if is_umat(result) or (value.shape, value.dtype) != (result.shape, result.dtype):
+        return result
+    value[...] = result
+    return value
+
+
 def locations(name: str, value: Locations | None) -> NDArray[np.int64] | None:
-    """Corners (windows, 2), each a pair as above, (0, 0) for None; None for none."""
+    """Corners (windows, 2); None for none."""
     if value is None:
         return None
     if not isinstance(value, Sequence | np.ndarray):
-        raise TypeError(f"{name} must be pairs (x, y) of integers, got {type(value).__name__}")
-    corners = [(0, 0) if each is None else pair(name, each) for each in value]
+        raise TypeError(f"{name} must be a sequence of pairs (x, y), got {type(value).__name__}")
+    corners = [(0, 0) if each is None else pair(f"each of {name}", each) for each in value]
     return np.array(corners, np.int64) if corners else None

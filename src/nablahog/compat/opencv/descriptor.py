@@ -41,7 +41,7 @@ class HOGDescriptor(Parameters):
         blockSize: (width, height) of a block in pixels, whole cells.
         blockStride: pixels from one block to the next; divides the window less a block.
         cellSize: (width, height) of a cell in pixels.
-        nbins: orientation bins over 180°, or over 360° if ``signedGradient``; at least 3.
+        nbins: orientation bins over 180°, or over 360° if ``signedGradient``; 3 to 128, OpenCV's beyond are wrong.
         derivAperture: 1.
         winSigma: of the Gaussian over a block, pixels; a quarter of the mean of its sides if not above 0.
         histogramNormType: 0.
@@ -100,10 +100,10 @@ class HOGDescriptor(Parameters):
             TypeError: the image is no array of uint8, or an argument is not of integers.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
-        padded, corners = self._placed(img, winStride, self.cellSize, padding, "locations", locations)
-        if locations is None:
-            return descriptors(padded, corners, self._scheme).reshape(-1)
+        padded, corners = placed(*self._arguments(img, winStride, padding, "locations", locations))
         inside = padded.inside(corners, self.winSize)
+        if inside.all():
+            return descriptors(padded, corners, self._scheme).reshape(-1)
         out = np.zeros((len(corners), self.getDescriptorSize()), np.float32)
         out[inside] = descriptors(padded, corners[inside], self._scheme)
         return out.reshape(-1)
@@ -120,32 +120,38 @@ class HOGDescriptor(Parameters):
 
         Args:
             img: (rows, cols), or (rows, cols, 1 or 3), uint8.
-            grad: ignored; OpenCV writes the first result to it if it suits.
-            angleOfs: ignored; OpenCV writes the second result to it if it suits.
-            paddingTL: (x, y) pixels on the left and at the top.
-            paddingBR: (x, y) pixels on the right and at the bottom.
+            grad: an array that the first result is written to if it is of the result's shape and dtype; None for none.
+            angleOfs: the same of the second result.
+            paddingTL: (x, y) pixels on the left and at the top; negative numbers leave out pixels of the image.
+            paddingBR: (x, y) pixels on the right and at the bottom; likewise.
 
         Returns:
             Votes (rows, cols, 2), float32: magnitude · (1 - f) and magnitude · f; and their bins, (rows, cols, 2),
-            uint8.
+            uint8.  ``cv2.UMat`` if one of the arguments is one.
 
         Raises:
             TypeError: the image is no array of uint8, or a padding is not of integers.
-            ValueError: the image is of another shape, or a padding is negative.
+            ValueError: the image is of another shape, no pixel of it is left, or an array cannot be written to.
         """
-        before, after = ((0, 0) if each is None else arguments.pair("padding", each) for each in (paddingTL, paddingBR))
-        if min(*before, *after) < 0:
-            raise ValueError(f"paddings must be at least 0, got {before} and {after}")
-        return gradients(Padded(arguments.image(img), before, after), self._scheme)
+        before, left, top = arguments.margins("paddingTL", paddingTL)
+        after, right, bottom = arguments.margins("paddingBR", paddingBR)
+        padded = Padded(arguments.image(img), before, after)
+        kept = slice(top, max(padded.size[1] - bottom, 0)), slice(left, max(padded.size[0] - right, 0))
+        votes, bins = (np.ascontiguousarray(each[kept]) for each in gradients(padded, self._scheme))
+        if not votes.size:
+            raise ValueError(f"paddingTL and paddingBR must leave pixels of the image, got {paddingTL} and {paddingBR}")
+        umats: list[Any] = [type(each) for each in (img, grad, angleOfs) if arguments.is_umat(each)]
+        if umats:
+            votes, bins = umats[0](votes), umats[0](bins)
+        return arguments.output("grad", grad, votes), arguments.output("angleOfs", angleOfs, bins)
 
-    def _placed(
-        self, img: Any, step: Any, default: Size, padding: Any, name: str, places: Locations | None
-    ) -> tuple[Padded, NDArray[np.int64]]:
-        """The padded image, and corners of windows in it."""
-        around, corners = arguments.margins(padding), arguments.locations(name, places)
-        return placed(
-            arguments.image(img), arguments.stride(step, default), around, corners, self.winSize, self.blockStride
-        )
+    def _arguments(
+        self, img: Any, step: Any, padding: Any, name: str, places: Locations | None
+    ) -> tuple[NDArray[np.uint8], Size, Size, NDArray[np.int64] | None, Size, Size]:
+        """Those of :func:`placed`."""
+        around, corners = arguments.margins("padding", padding)[0], arguments.locations(name, places)
+        step = arguments.stride(step, self.cellSize)
+        return arguments.image(img), step, around, corners, self.winSize, self.blockStride
 
     def detect(
         self,
@@ -172,17 +178,17 @@ class HOGDescriptor(Parameters):
             TypeError: the image is no array of uint8, or an argument is of another type.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
-        threshold = arguments.number("hitThreshold", hitThreshold, 0.0)
-        padded, corners = self._placed(img, winStride, self.cellSize, padding, "searchLocations", searchLocations)
-        places, weights = self._hits(padded, corners, threshold)
+        threshold = arguments.number("hitThreshold", hitThreshold, 0)
+        checked = self._arguments(img, winStride, padding, "searchLocations", searchLocations)
+        if not len(self._detector):
+            return (), ()
+        places, weights = self._hits(*placed(*checked), threshold)
         return (places.astype(np.int32), weights) if len(places) else ((), ())
 
     def _hits(self, padded: Padded, corners: NDArray[np.int64], threshold: float) -> tuple[NDArray[np.int64], Weights]:
         """Corners in pixels of the image, and scores."""
-        if not len(self.svmDetector):
-            return np.empty((0, 2), np.int64), np.empty(0)
         corners = corners[padded.inside(corners, self.winSize)]
-        weights = scores(padded, corners, self._scheme, np.asarray(self.svmDetector))
+        weights = scores(padded, corners, self._scheme, np.asarray(self._detector))
         hits = weights >= threshold
         return corners[hits] - padded.before, weights[hits]
 
@@ -219,11 +225,15 @@ class HOGDescriptor(Parameters):
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         pixels, step = arguments.image(img), arguments.stride(winStride, self.blockStride)
-        threshold, around = arguments.number("hitThreshold", hitThreshold, 0.0), arguments.margins(padding)
-        group = arguments.number("groupThreshold", groupThreshold, 2.0)
-        by_mean_shift = arguments.truth("useMeanshiftGrouping", useMeanshiftGrouping)
+        threshold, around = arguments.number("hitThreshold", hitThreshold, 0), arguments.margins("padding", padding)[0]
+        group, factor = arguments.number("groupThreshold", groupThreshold, 2), arguments.number("scale", scale, 1.05)
+        mean_shift = arguments.flag("useMeanshiftGrouping", useMeanshiftGrouping)
+        if not mean_shift and not abs(group) < 2**31:
+            raise ValueError(f"groupThreshold must be a number of 32 bits, got {group}")
+        if not len(self._detector):
+            return (), ()
         size = pixels.shape[1], pixels.shape[0]
-        scales = levels(size, self.winSize, arguments.number("scale", scale, 1.05), self.nlevels)
+        scales = levels(size, self.winSize, factor, self.nlevels)
 
         def level(k: int) -> tuple[Rectangles, Weights]:
             smaller = resized(pixels, (round(size[0] / scales[k]), round(size[1] / scales[k])))
@@ -236,7 +246,7 @@ class HOGDescriptor(Parameters):
         rectangles, weights = (np.concatenate(each) for each in zip(*found, strict=True))
         if not len(rectangles):
             return (), ()
-        if by_mean_shift:
+        if mean_shift:
             of_hits = np.repeat(scales, [len(each) for each, _ in found])
             rectangles, weights = group_by_mean_shift(rectangles, weights, of_hits, group, self.winSize)
         else:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...hog import HOGSpec, presets
 from . import arguments, storage
-from .arguments import Size, from_umat
+from .arguments import Size
 from .storage import people_detector
 from .windows import Scheme, scheme
 
@@ -34,12 +35,12 @@ class Parameters:
     gammaCorrection: bool
     nlevels: int
     signedGradient: bool
-    svmDetector: NDArray[np.float32] | tuple[()] = field(repr=False)
+    _detector: NDArray[np.float32] = field(repr=False)
     spec: HOGSpec = field(repr=False)
 
     def __init__(
         self,
-        _winSize: Sequence[int] | str | os.PathLike[str] | None = None,
+        _winSize: Sequence[int] | str | bytes | os.PathLike[str] | EllipsisType = ...,
         _blockSize: Sequence[int] | None = None,
         _blockStride: Sequence[int] | None = None,
         _cellSize: Sequence[int] | None = None,
@@ -52,21 +53,35 @@ class Parameters:
         _nlevels: int = 64,
         _signedGradient: bool = False,
     ) -> None:
-        self.__dict__["svmDetector"] = ()
-        if isinstance(_winSize, str | os.PathLike):
+        self.__dict__["_detector"] = np.empty(0, np.float32)
+        sizes = [_winSize, _blockSize, _blockStride, _cellSize, _nbins]
+        rest = _derivAperture, _winSigma, _histogramNormType, _L2HysThreshold, _gammaCorrection, _nlevels
+        defaults = Parameters.__init__.__defaults__ or ()
+        alone = all(a is b for a, b in zip((*sizes[1:], *rest, _signedGradient), defaults[1:], strict=True))
+        if alone and isinstance(_winSize, str | bytes | os.PathLike):
             self.load(_winSize)
             return
-        if all(value is None for value in (_winSize, _blockSize, _blockStride, _cellSize, _nbins)):  # HOGDescriptor()
-            _winSize, _blockSize, _blockStride, _cellSize, _nbins = (64, 128), (16, 16), (8, 8), (8, 8), 9
-            _gammaCorrection = True
-        window, block = arguments.pair("winSize", _winSize), arguments.pair("blockSize", _blockSize)
-        stride, cell = arguments.pair("blockStride", _blockStride), arguments.pair("cellSize", _cellSize)
-        if _nbins is None:
-            raise TypeError("HOGDescriptor takes no argument, or at least the first five: there is no _nbins")
-        bins, sigma = arguments.integer("nbins", _nbins, 9), arguments.number("winSigma", _winSigma, -1.0)
-        clip = arguments.number("L2HysThreshold", _L2HysThreshold, 0.2)
-        gamma = arguments.truth("gammaCorrection", _gammaCorrection)
-        signed = arguments.truth("signedGradient", _signedGradient)
+        if alone and _winSize is ...:  # HOGDescriptor()
+            sizes, _gammaCorrection = [(64, 128), (16, 16), (8, 8), (8, 8), 9], True
+        if any(value is None or value is ... for value in sizes):
+            raise TypeError(
+                "HOGDescriptor takes no argument, the name of a file, or at least the first five, none of them None: "
+                f"got {sizes} of _winSize, _blockSize, _blockStride, _cellSize and _nbins"
+            )
+        window, block, stride, cell = map(arguments.pair, _PAIRS, sizes)
+        bins, sigma = arguments.integer("nbins", sizes[4]), arguments.number("winSigma", _winSigma, -1)
+        clip, levels = (
+            arguments.number("L2HysThreshold", _L2HysThreshold, 0.2),
+            arguments.integer("nlevels", _nlevels, 64),
+        )
+        gamma = arguments.flag("gammaCorrection", _gammaCorrection)
+        signed = arguments.flag("signedGradient", _signedGradient)
+        if not 3 <= bins <= 128:  # OpenCV's bins are of 8 bits with a sign
+            raise ValueError(f"nbins must be 3 to 128, got {bins}")
+        if not clip > 0:
+            raise ValueError(f"L2HysThreshold must be above 0, got {clip}")
+        if levels < 1:
+            raise ValueError(f"nlevels must be at least 1, got {levels}")
         self.__dict__.update(  # frozen, as OpenCV's attributes are
             winSize=window,
             blockSize=block,
@@ -75,10 +90,10 @@ class Parameters:
             nbins=bins,
             derivAperture=arguments.integer("derivAperture", _derivAperture, 1),
             winSigma=sigma,
-            histogramNormType=arguments.integer("histogramNormType", _histogramNormType, 0),
+            histogramNormType=arguments.integer("histogramNormType", _histogramNormType),
             L2HysThreshold=clip,
             gammaCorrection=gamma,
-            nlevels=arguments.integer("nlevels", _nlevels, 64),
+            nlevels=levels,
             signedGradient=signed,
             spec=presets.opencv(
                 window,
@@ -86,8 +101,8 @@ class Parameters:
                 stride,
                 cell,
                 bins,
-                win_sigma=sigma if sigma > 0 else -1,
-                l2hys_threshold=clip,
+                win_sigma=min(max(sigma, 1e-12), 1e12) if sigma > 0 else -1,  # beyond, weights do not change
+                l2hys_threshold=min(max(clip, 1e-12), 1e12),
                 gamma=gamma,
                 signed=signed,
             ),
@@ -96,6 +111,11 @@ class Parameters:
     @cached_property
     def _scheme(self) -> Scheme:
         return scheme(self.winSize, self.spec)
+
+    @property
+    def svmDetector(self) -> NDArray[np.float32] | tuple[()]:
+        """A copy of the coefficients; an empty tuple for none, as in OpenCV."""
+        return self._detector.copy() if len(self._detector) else ()
 
     def getDescriptorSize(self) -> int:
         """Length of the descriptor of one window."""
@@ -109,28 +129,26 @@ class Parameters:
         """Sets the coefficients of the linear detector.
 
         Args:
-            svmdetector: an array of numbers in one line, with or without a bias behind; None for no detector.
+            svmdetector: an array of numbers, (n,), (n, 1) or (1, n), ``cv2.UMat`` or tuple, with or without a bias
+                behind; None for no detector.
 
         Raises:
-            TypeError: it is no array of numbers.
+            TypeError: it is no such array of numbers.
             ValueError: it has another length than a descriptor, or one more.
         """
-        coefficients = np.asarray(() if svmdetector is None else from_umat(svmdetector))
-        if coefficients.dtype.kind not in "fiu":
-            raise TypeError(f"svmdetector must be an array of numbers, got {coefficients.dtype}")
-        size = self.getDescriptorSize()
-        if coefficients.size not in (0, size, size + 1) or coefficients.size not in (0, *coefficients.shape):
+        values = arguments.array("svmdetector", () if svmdetector is None else svmdetector)
+        size, shape = self.getDescriptorSize(), values.shape
+        if len(shape) != 3 or shape[2] != 1 or min(shape[:2]) > 1 or values.size not in (0, size, size + 1):
             raise ValueError(
                 f"svmdetector must be the {size} coefficients of a descriptor in one line, and one more for a bias, "
-                f"got an array of the shape {coefficients.shape}"
+                f"got an array of the shape {np.shape(svmdetector)}"
             )
         with np.errstate(over="ignore"):  # to infinity, as OpenCV's
-            copy = np.array(coefficients, np.float32).reshape(-1)  # so that what it was made of may change
-        self.__dict__["svmDetector"] = copy if copy.size else ()
+            self.__dict__["_detector"] = np.array(values, np.float32).reshape(-1)  # what it was made of may change
 
     def checkDetectorSize(self) -> bool:
         """Whether the detector is of the descriptor's length, or one more, or there is none."""
-        return len(self.svmDetector) in (0, self.getDescriptorSize(), self.getDescriptorSize() + 1)
+        return len(self._detector) in (0, self.getDescriptorSize(), self.getDescriptorSize() + 1)
 
     @staticmethod
     def getDefaultPeopleDetector() -> NDArray[np.float32]:
@@ -164,7 +182,7 @@ class Parameters:
         """
         return people_detector("Daimler", 1981)
 
-    def save(self, filename: str | os.PathLike[str], objname: str = "") -> None:
+    def save(self, filename: str | bytes | os.PathLike[str], objname: str = "") -> None:
         """Writes parameters and detector to a file that OpenCV reads, too.
 
         It is ``.yml``, ``.xml`` or ``.json``, or one of these and ``.gz``; written whole or not at all.
@@ -175,18 +193,19 @@ class Parameters:
 
         Raises:
             OSError: it cannot be written.
+            ValueError: a name is none that OpenCV writes.
         """
         node: dict[str, object] = {name: getattr(self, name) for name in _STORED}
         node |= {name: int(node[name]) for name in ("gammaCorrection", "signedGradient")}  # type: ignore[call-overload]
         node["winSigma"] = self.getWinSigma()
-        if len(self.svmDetector):
-            node["SVMDetector"] = self.svmDetector
-        storage.write(filename, objname, node)
+        if len(self._detector):
+            node["SVMDetector"] = self._detector
+        storage.write(arguments.text("filename", filename), arguments.text("objname", objname or ""), node)
 
-    def load(self, filename: str | os.PathLike[str], objname: str = "") -> bool:
+    def load(self, filename: str | bytes | os.PathLike[str], objname: str = "") -> bool:
         """Reads parameters and detector from a file of :meth:`save`, here or of OpenCV.
 
-        Without a detector in the file, the object has none then; OpenCV keeps the one before.
+        Without a detector in the file, the object keeps the one before, as in OpenCV.
 
         Args:
             filename: to read, of any of the formats.
@@ -197,14 +216,16 @@ class Parameters:
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: it is no such file, or what it holds is out of range; the object is as before then.
+            ValueError: it is no such file, what it holds is out of range, or the detector that the object keeps is of
+                another length than its descriptors; the object is as before then.
         """
-        node = storage.read(filename, objname)
+        name = arguments.text("filename", filename)
+        node = storage.read(name, arguments.text("objname", objname or ""))
         try:
-            loaded = type(self)(**{f"_{name}": _parameter(node, name) for name in _STORED if name in node})
-            loaded.setSVMDetector(storage.floats(node, "SVMDetector") if "SVMDetector" in node else None)
+            loaded = type(self)(**{f"_{key}": _parameter(node, key) for key in _STORED if key in node})
+            loaded.setSVMDetector(storage.floats(node, "SVMDetector") if "SVMDetector" in node else self._detector)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{filename}: {error}") from None
+            raise ValueError(f"{name}: {error}") from None
         self.__dict__.clear()
         self.__dict__.update(loaded.__dict__)
         return True

@@ -43,7 +43,14 @@ FOLDER = "NABLAHOG_PEOPLE_DETECTORS"
 def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -> None:
     """Writes integers, floats, tuples of integers and an array of float32 under a name, in the format of the ending."""
     stem = Path(path).name.removesuffix(".gz")
-    text = _FORMATS.get(Path(stem).suffix.lower(), _yaml)(name or default_name(stem), node)
+    if not name and not stem.partition(".")[0]:
+        raise ValueError(f"filename must be the name of a file, and more than its ending, got {one_line(path)!r}")
+    form, name = _FORMATS.get(Path(stem).suffix.lower(), _yaml), name or default_name(stem)
+    if not re.fullmatch("[A-Za-z_][A-Za-z0-9_-]*" if form is _xml else "[A-Za-z_][A-Za-z0-9_ -]*", name):
+        raise ValueError(
+            f"objname must be letters and digits of ASCII, - and _, first a letter, got {one_line(name)!r}"
+        )
+    text = form(name, node)
     packed = text.encode() if stem == Path(path).name else gzip.compress(text.encode(), mtime=0)
     with replacing(path) as file:
         file.write(packed)

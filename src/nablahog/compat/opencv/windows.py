@@ -183,6 +183,8 @@ def placed(
     """
     around = tuple((p + g - 1) & -g for p, g in zip(padding, map(math.gcd, step, block_stride), strict=True))
     padded = Padded(image, (around[0], around[1]), (around[0], around[1]))
+    if max(padded.size) >= 2**31:
+        raise ValueError(f"an image with its padding must have less than 2**31 rows and columns, got {padded.size}")
     if places is not None:
         return padded, places + around
     if padded.size[0] < window[0] or padded.size[1] < window[1]:
