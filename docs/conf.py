@@ -71,7 +71,7 @@ python_use_unqualified_type_names = True
 maximum_signature_line_length = 88
 # what other packages define has no page here, and a build asks no network
 nitpick_ignore_regex = [
-    (r"py:.*", r"(torch|numpy|np|npt|PIL|collections|pathlib|typing|abc|sklearn|os|io|dataclasses)\..*"),
+    (r"py:.*", r"(torch|numpy|np|npt|PIL|collections|pathlib|types|typing|abc|sklearn|os|io|dataclasses)\..*"),
     (r"py:.*", r"Tensor|NDArray|Image|Path|Callable|Sequence|Mapping|Iterable|Iterator|Collection|Any|Self"),
 ]
 
