@@ -74,18 +74,15 @@ def polarity(options: argparse.Namespace) -> None:
     for folder in options.images or [None]:
         for images in photographs(folder)[:: options.every].split(BATCH):
             size = images.shape[2], images.shape[3]
-            results = {
-                name: reconstruct(hog(images, spec), spec, size, prior="default", quality="fast")
-                for name, spec in specs.items()
-            }
+            results = {name: reconstruct(hog(images, spec), spec, size, quality="fast") for name, spec in specs.items()}
             paper = specs["paper"]
-            scales = reconstruct_multiscale(scale_descriptors(images, paper), paper, size, prior="default")
+            scales = reconstruct_multiscale(scale_descriptors(images, paper), paper, size)
             results["multi-scale-more"] = scales[-1].reconstruction
             for name, result in results.items():
                 assert result.polarity_confidence is not None
                 right = (correlations(result.image, images) > 0).astype(np.float64)
                 pairs.setdefault(name, []).append((result.polarity_confidence.double().numpy(), right))
-            samples = reconstruct_samples(hog(images, paper), paper, size, prior="default", quality="fast")
+            samples = reconstruct_samples(hog(images, paper), paper, size, quality="fast")
             agreements.append(samples.agreement)
             magnitudes.append(abs(correlations(results["paper"].image, images)))
     columns = {name: tuple(map(np.concatenate, zip(*parts, strict=True))) for name, parts in pairs.items()}

@@ -181,13 +181,15 @@ def measure_preimages(folder: Path | None) -> None:
     images = images.repeat(-(-PREIMAGES // len(images)), 1, 1, 1)[:PREIMAGES].cuda()
     spec, size = presets.uoctti(), (images.shape[2], images.shape[3])
     descriptors = hog(images, spec)
-    reconstruct(descriptors[:1], spec, size, search=Search(max_evaluations=5))
+    reconstruct(descriptors[:1], spec, size, prior=None, search=Search(max_evaluations=5))
     judge(
-        f"{PREIMAGES} pre-images of {size}, s", seconds(lambda: reconstruct(descriptors, spec, size)), PREIMAGE_SECONDS
+        f"{PREIMAGES} pre-images of {size}, s",
+        seconds(lambda: reconstruct(descriptors, spec, size, prior=None)),
+        PREIMAGE_SECONDS,
     )
     for minimiser in get_args(Minimiser):
         few = Search(max_evaluations=30, samples=1, minimiser=minimiser)
-        count = waits(partial(reconstruct, descriptors[:8], spec, size, search=few))
+        count = waits(partial(reconstruct, descriptors[:8], spec, size, prior=None, search=few))
         print(f"{minimiser}, 30 evaluations: waits {count} times")
 
 

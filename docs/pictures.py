@@ -46,8 +46,8 @@ def scales() -> None:
     names = ("astronaut", "coffee", "rocket")
     images = torch.cat([photograph(name, 128) for name in names])
     variants = {
-        "multi-scale": reconstruct_multiscale(hog(images, spec), spec),
-        "multi-scale-more": reconstruct_multiscale(scale_descriptors(images, spec), spec),
+        "multi-scale": reconstruct_multiscale(hog(images, spec), spec, prior=None),
+        "multi-scale-more": reconstruct_multiscale(scale_descriptors(images, spec), spec, prior=None),
     }
     rows = []
     for i, name in enumerate(names):

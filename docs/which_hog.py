@@ -37,7 +37,7 @@ def main() -> None:
         native = torch.from_numpy(vector).float()[None]
         for guess, spec in SPECS.items():
             descriptor = from_layout(native, spec, SIZE).contiguous()
-            result = reconstruct(descriptor, replace(spec, layout="cells"), image_size=SIZE, seed=0)
+            result = reconstruct(descriptor, replace(spec, layout="cells"), image_size=SIZE, prior=None, seed=0)
             caption = f"{source} as {guess}: {float(result.distance[0]):.2f}"
             print(caption)
             panels.append(Panel(result.image[0], caption))

@@ -98,7 +98,7 @@ panels[0].set_title("photograph\n(not used)", fontsize=10)
 for axes, name in zip(panels[1:], ("skimage 2x2", "opencv", "dalal_triggs"), strict=True):
     spec = candidates[name]
     descriptor = nablahog.from_layout(vector, spec, (128, 64))
-    result = nablahog.reconstruct(descriptor, spec, (128, 64), prior="default", quality="fast")
+    result = nablahog.reconstruct(descriptor, spec, (128, 64), quality="fast")
     axes.imshow(result.image, cmap="gray", vmin=0, vmax=1)
     axes.set_title(f"as {name}\ndistance {result.distance:.2f}", fontsize=10)
 for axes in panels:

@@ -42,8 +42,8 @@ for library, spec in dialects.items():
 # %%
 # Inverted
 # --------
-# The descriptors of one library are one batch. ``prior="default"`` uses the networks that come with the package, which
-# know what photographs look like; without it nothing is learned.
+# The descriptors of one library are one batch. ``reconstruct`` uses the networks that come with the package, which know
+# what photographs look like; with ``prior=None`` nothing is learned.
 
 figure, panels = plt.subplots(3, 4, figsize=(10, 8.2), layout="constrained")
 for row, (name, photograph) in zip(panels, photographs.items(), strict=True):
@@ -52,7 +52,7 @@ for row, (name, photograph) in zip(panels, photographs.items(), strict=True):
 for col, (library, spec) in enumerate(dialects.items(), start=1):
     native = np.stack([arrays[name, library] for name in photographs])
     descriptors = nablahog.from_layout(native, spec, SIZE)
-    results = nablahog.reconstruct(descriptors, spec, SIZE, prior="default", quality="fast", seed=0)
+    results = nablahog.reconstruct(descriptors, spec, SIZE, quality="fast", seed=0)
     for row, photograph, image, distance in zip(
         panels, photographs.values(), results.image, results.distance, strict=True
     ):

@@ -85,7 +85,7 @@ for name, each in zip(PLACES, confidence.tolist(), strict=True):
 for bins in (5, 9, 18):
     for name, spec in {"unsigned": unsigned, "signed": signed}.items():
         spec = replace(spec, bins=bins if name == "unsigned" else 2 * (bins // 2), name=f"{name} {bins}")
-        result = nablahog.reconstruct(nablahog.hog(images, spec), spec, (128, 128), quality="fast", seed=0)
+        result = nablahog.reconstruct(nablahog.hog(images, spec), spec, (128, 128), prior=None, quality="fast", seed=0)
         mean = np.mean(
             [
                 abs(nablahog.metrics.cross_correlation(image[0], preimage[0]))

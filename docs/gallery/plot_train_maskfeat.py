@@ -46,7 +46,7 @@ print("the order of SlowFast's labels:", torch.equal(labels, tokens))
 # take.
 
 folded = nablahog.from_layout(tokens, spec, (224, 224))
-result = nablahog.reconstruct(folded, spec, (224, 224), prior="default", quality="fast", seed=0)
+result = nablahog.reconstruct(folded, spec, (224, 224), quality="fast", seed=0)
 figure, panels = plt.subplots(1, 3, figsize=(10, 3.7), layout="constrained")
 for axes, picture, title in zip(
     panels,
@@ -153,7 +153,7 @@ for k, (part, title) in enumerate(((target, "targets"), (mixed, "predicted where
     folded = nablahog.from_layout(part, spec, (SIDE, SIDE))
     panels[1 + k].imshow(nablahog.glyphs(folded[0], spec), cmap="gray")
     panels[1 + k].set_title(title, fontsize=10)
-    result = nablahog.reconstruct(folded, spec, (SIDE, SIDE), prior="default", quality="fast", seed=0)
+    result = nablahog.reconstruct(folded, spec, (SIDE, SIDE), quality="fast", seed=0)
     panels[3 + k].imshow(result.image[0, 0], cmap="gray", vmin=0, vmax=1)
     panels[3 + k].set_title(f"pre-image, {'targets' if k == 0 else 'with predictions'}", fontsize=10)
 for y, x in (large.reshape(GRID, 16, GRID, 16)[:, 0, :, 0]).nonzero().tolist():

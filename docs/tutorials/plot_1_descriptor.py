@@ -68,12 +68,12 @@ print(stored.spec, stored.image_size)
 # %%
 # Which image had it?
 # -------------------
-# ``reconstruct`` searches for an image with this descriptor. ``prior="default"`` adds the network for signed
-# descriptors that comes with the package. It knows what photographs look like; the result still has to match the
-# descriptor.
+# ``reconstruct`` searches for an image with this descriptor. It begins with what a network for signed
+# descriptors, which comes with the package, expects of photographs; the result still has to match the descriptor.
+# ``prior=None`` searches without it.
 
-plain = nablahog.reconstruct(descriptor, spec, image_size, seed=0)
-learned = nablahog.reconstruct(descriptor, spec, image_size, prior="default", seed=0)
+plain = nablahog.reconstruct(descriptor, spec, image_size, prior=None, seed=0)
+learned = nablahog.reconstruct(descriptor, spec, image_size, seed=0)
 
 figure, panels = plt.subplots(1, 4, figsize=(12, 3.4), layout="constrained")
 panels[0].imshow(nablahog.glyphs(descriptor, spec), cmap="gray")
@@ -101,7 +101,9 @@ plt.show()
 
 images = torch.stack(
     [
-        torch.from_numpy(nablahog.reconstruct(descriptor, spec, image_size, quality="fast", seed=seed).image)
+        torch.from_numpy(
+            nablahog.reconstruct(descriptor, spec, image_size, prior=None, quality="fast", seed=seed).image
+        )
         for seed in range(4)
     ]
 )
@@ -135,7 +137,8 @@ hypotheses = {
     "Piotr Dollár": (nablahog.from_layout(array, wrong, (112, 112)), wrong, (112, 112)),
 }
 for name, (each, of, size) in hypotheses.items():
-    print(f"{name:32} distance {nablahog.reconstruct(each, of, size, quality='fast', seed=0).distance:.3f}")
+    result = nablahog.reconstruct(each, of, size, prior=None, quality="fast", seed=0)
+    print(f"{name:32} distance {result.distance:.3f}")
 
 # %%
 # What is lost?

@@ -72,7 +72,7 @@ def scene(dtype: torch.dtype = torch.float32) -> Tensor:
 def test_an_image_is_found_for_every_dialect(name: str) -> None:
     """Nearly of the descriptor, and like the scene, or its negative if unsigned."""
     spec, images = SPECS[name], scene()
-    result = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150))
+    result = reconstruct(hog(images, spec), spec, SIZE, search=Search(max_evaluations=150), prior=None)
     assert result.distance.min() < 0.4  # the other scene is shaded all over, which hard votes are hard to fit to
     assert result.distance.max() < 0.8
     difference = (hog(result.image, spec) - hog(images, spec)).flatten(1).norm(dim=1)
@@ -113,15 +113,15 @@ def test_undirected_channels_are_unsigned_bins() -> None:
 def test_directed_texture_alone_is_refused() -> None:
     spec = dataclasses.replace(presets.dpm(4), normalizer=FourBlockNorm(parts=("undirected", "texture"), texture="dpm"))
     with pytest.raises(ValueError, match="can be inverted only with its directed channels"):
-        reconstruct(hog(scene(), spec), spec, SIZE)
+        reconstruct(hog(scene(), spec), spec, SIZE, prior=None)
 
 
 def test_a_root_is_searched_and_squared() -> None:
     spec = dataclasses.replace(presets.uoctti(4), gamma="sqrt", value_range=255.0)
     root = dataclasses.replace(presets.uoctti(4), value_range=255.0**0.5)
     images, search = scene(), Search(max_evaluations=150)
-    result = reconstruct(hog(images, spec), spec, SIZE, search=search)
-    expected = reconstruct(hog(images.sqrt(), root), root, SIZE, search=search)
+    result = reconstruct(hog(images, spec), spec, SIZE, search=search, prior=None)
+    expected = reconstruct(hog(images.sqrt(), root), root, SIZE, search=search, prior=None)
     assert (result.image - expected.image.square()).abs().mean() < 0.03
 
 
@@ -129,14 +129,14 @@ def test_a_root_is_searched_and_squared() -> None:
 def test_each_colour_described_separately(name: str) -> None:
     s = dataclasses.replace({"uoctti": presets.uoctti(4), **SPECS}[name], colour="separate", layout="cells")
     descriptor = hog(torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(0)), s)
-    assert reconstruct(descriptor, s, SIZE, search=FEW).image.isfinite().all()
+    assert reconstruct(descriptor, s, SIZE, search=FEW, prior=None).image.isfinite().all()
 
 
 @pytest.mark.parametrize("step", [(2, 2), (3, 3)])
 def test_cells_in_no_block_are_unknown_not_flat(step: tuple[int, int]) -> None:
     s = dataclasses.replace(presets.skimage(pixels_per_cell=(8, 8)), normalizer=BlockNorm((2, 2), step))
     image = torch.rand(1, 1, 40, 40, generator=torch.Generator().manual_seed(0))
-    result = reconstruct(hog(image, s), s, (40, 40), search=FEW)
+    result = reconstruct(hog(image, s), s, (40, 40), search=FEW, prior=None)
     assert result.image.isfinite().all()
     assert result.image[..., 33:, 33:].unique().numel() > 20
 

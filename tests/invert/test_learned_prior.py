@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,14 @@ UOCTTI, PAPER = presets.uoctti(8), presets.paper(8)
 SIGNED = {
     "uoctti": UOCTTI,
     "hard votes": presets.vlfeat(),
-    "twelve bins, other sense": dataclasses.replace(UOCTTI, bins=12, counterclockwise=True),
+    "twelve bins, other sense": replace(UOCTTI, bins=12, counterclockwise=True),
     "dpm": presets.dpm(),
     "opencv, signed": presets.opencv((128, 128), nbins=18, signed=True),
 }
 UNSIGNED = {
     "paper": PAPER,
-    "bins on the axes": dataclasses.replace(PAPER, bin_offset=0.0),
-    "six bins, other sense": dataclasses.replace(PAPER, bins=6, counterclockwise=True),
+    "bins on the axes": replace(PAPER, bin_offset=0.0),
+    "six bins, other sense": replace(PAPER, bins=6, counterclockwise=True),
     "opencv": presets.opencv(),
     "aubry": presets.aubry(8),
 }
@@ -125,7 +125,7 @@ def test_cells_of_any_size(cell_size: int | tuple[int, int]) -> None:
 
 def test_a_known_contrast_is_kept() -> None:
     """Eq. 7 as printed tells the contrast; half of it is expected at half of it."""
-    spec = dataclasses.replace(PAPER, signed=True, bins=18)
+    spec = replace(PAPER, signed=True, bins=18)
     image, prior = photograph(64), tiny_models.prior(spec)
     whole, half = (prior.expected(hog(0.5 + c * (image - 0.5), spec), spec, (64, 64)) - 0.5 for c in (1, 0.5))
     assert_close(half, whole / 2, atol=1e-3, rtol=0)
@@ -173,7 +173,7 @@ def test_the_prior_decides_the_polarity() -> None:
     array = reconstruct(descriptors[0].numpy(), PAPER, prior=prior, search=FEW)
     assert array.polarity_confidence is not None
     assert array.polarity_confidence.shape == ()
-    assert reconstruct(descriptors, PAPER, search=FEW).polarity_confidence is None
+    assert reconstruct(descriptors, PAPER, search=FEW, prior=None).polarity_confidence is None
 
 
 # --- in a reconstruction
@@ -185,7 +185,7 @@ def test_what_a_prior_expects_is_shown_first() -> None:
     def watch(iterate: Iterate) -> None:
         seen.append((iterate.candidates.clone(), iterate.evaluations))
 
-    reconstruct(descriptor, UOCTTI, prior="default", watch=watch, search=FEW)
+    reconstruct(descriptor, UOCTTI, watch=watch, search=FEW)
     assert (seen[0][1] == 0).all()
     assert_close(seen[0][0][:, 0], default_prior(UOCTTI).expected(descriptor, UOCTTI, (64, 64)))
 
@@ -196,13 +196,15 @@ def test_the_packages_priors_are_the_default(spec: HOGSpec) -> None:
     descriptor = hog(photograph(128), spec)
     own = default_prior(spec)
     several = [own] if own.signed else [own, default_prior("uoctti")]
-    default, both, alone, none = (
-        reconstruct(descriptor, spec, prior=prior, search=Search(max_evaluations=30))
-        for prior in ("default", several, own, None)
-    )
+    few = Search(max_evaluations=30)
+    both, alone, none = (reconstruct(descriptor, spec, prior=prior, search=few) for prior in (several, own, None))
+    default = reconstruct(descriptor, spec, search=few)
     assert torch.equal(default.image, both.image)
     assert torch.equal(default.image, alone.image) == own.signed
     assert not torch.equal(default.image, none.image)
+    for without in ({"expected": both.image, "search": few}, {"search": replace(few, samples=1)}):
+        given = (reconstruct(descriptor, spec, **without, **none) for none in ({}, {"prior": None}))  # type: ignore[arg-type]
+        assert torch.equal(*(each.image for each in given))
     assert float(default.evaluations) <= 30
     if not own.signed:
         assert float(metrics.cross_correlation(default.image[0, 0], alone.image[0, 0])) > 0.8
@@ -306,7 +308,7 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
 def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
     with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
-        reconstruct(hog(photograph(64), PAPER), PAPER, prior="default", search=FEW)
+        reconstruct(hog(photograph(64), PAPER), PAPER, search=FEW)
 
 
 @pytest.mark.parametrize("spec", ["paper", "uoctti"])

@@ -114,12 +114,12 @@ def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
     spec = dataclasses.replace(SPEC, signed=True, bins=18)
     descriptors = hog(IMAGES, spec)
     options = {"search": Search(minimiser, max_evaluations=120, samples=2), "objective": Objective(closeness=0.1)}
-    result = reconstruct(descriptors, spec, **options)
+    result = reconstruct(descriptors, spec, **options, prior=None)
     assert result.evaluations.max() <= 120
     assert result.history.shape == (int(result.evaluations.max()), 3)
     assert (result.history[-1, :2] < 0.75 * result.history[0, :2]).all()
     assert result.distance[2] == 0
-    alone = reconstruct(descriptors[:1], spec, **options)
+    alone = reconstruct(descriptors[:1], spec, **options, prior=None)
     torch.testing.assert_close(alone.image, result.image[:1], atol=1e-3, rtol=0)
     assert alone.evaluations[0] == result.evaluations[0]
 
@@ -129,7 +129,7 @@ def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> No
     descriptor, few = hog(photograph(48), SPEC), Search(minimiser, max_evaluations=60)
 
     def variation(target: Objective) -> float:
-        image = reconstruct(descriptor, SPEC, search=few, objective=target).image
+        image = reconstruct(descriptor, SPEC, search=few, objective=target, prior=None).image
         return float(image.diff(dim=-1).abs().mean() + image.diff(dim=-2).abs().mean())
 
     without = variation(Objective(smoothness=0))
@@ -202,7 +202,7 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_batches_are_split_by_the_memory_that_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    together = reconstruct(DESCRIPTORS, SPEC, search=Search(max_evaluations=4))
+    together = reconstruct(DESCRIPTORS, SPEC, search=Search(max_evaluations=4), prior=None)
     asked: list[float] = []
 
     def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
@@ -219,6 +219,7 @@ def test_batches_are_split_by_the_memory_that_is_free(monkeypatch: pytest.Monkey
         search=Search(max_evaluations=4),
         watch=lambda now: parts.append(now.descriptors),
         progress=lambda *call: calls.append(call),
+        prior=None,
     )
     assert {(part.start, part.stop) for part in parts} == {(0, 1), (1, 2), (2, 3)}
     for name in ("image", "distance", "history"):

@@ -69,7 +69,7 @@ def test_scale_descriptors_are_those_of_averaged_images() -> None:
 def test_levels_grow_and_report_their_own_distance(preset: Any, more: bool) -> None:
     spec, size = preset((8, 16)), (32, 48)
     inputs = descriptors(photograph(64, "coins")[..., :32, -48:], spec, more)
-    levels = reconstruct_multiscale(inputs, spec, search=FEW)
+    levels = reconstruct_multiscale(inputs, spec, search=FEW, prior=None)
     assert [level.scale for level in levels] == [64, 16, 4, 1]
     for i, (level, factor) in enumerate(zip(levels, (8, 4, 2, 1), strict=True)):
         result = level.reconstruction
@@ -86,7 +86,7 @@ def test_levels_grow_and_report_their_own_distance(preset: Any, more: bool) -> N
 @all_specs
 def test_every_level_is_given_the_descriptor_at_the_contrast_of_its_size(spec: HOGSpec) -> None:
     descriptor = hog(photograph(32), spec)
-    for level in reconstruct_multiscale(descriptor, spec, search=FEW):
+    for level in reconstruct_multiscale(descriptor, spec, search=FEW, prior=None):
         # a smaller image of the same contrast has steeper, but fewer gradients
         own = descriptor / level.scale**0.25 if spec.normalizer.fixes_contrast else descriptor
         torch.testing.assert_close(level.reconstruction.distance, distance(level, own))
@@ -107,7 +107,12 @@ def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
     inputs = descriptors(image, spec, more, (16, 4, 1))
     calls: list[tuple[int, int]] = []
     levels = reconstruct_multiscale(
-        inputs, spec, scales=(16, 4, 1), search=Search(max_evaluations=60), progress=lambda *call: calls.append(call)
+        inputs,
+        spec,
+        scales=(16, 4, 1),
+        search=Search(max_evaluations=60),
+        progress=lambda *call: calls.append(call),
+        prior=None,
     )
     assert levels[-1].reconstruction.distance[0] < 0.35
     if spec.signed:
@@ -122,7 +127,7 @@ def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
 
 
 def test_a_flat_image_ends_every_level_early() -> None:
-    levels = reconstruct_multiscale(hog(torch.full((1, 1, 32, 32), 0.7), PAPER), PAPER)
+    levels = reconstruct_multiscale(hog(torch.full((1, 1, 32, 32), 0.7), PAPER), PAPER, prior=None)
     assert all(level.reconstruction.distance.item() == 0 for level in levels)
     assert levels[-1].reconstruction.image.unique().numel() == 1
 
@@ -130,7 +135,9 @@ def test_a_flat_image_ends_every_level_early() -> None:
 def test_a_level_without_texture_does_not_end_those_after_it() -> None:
     y, x = torch.meshgrid(torch.arange(32), torch.arange(32), indexing="ij")
     checkers = (0.2 + 0.6 * ((x // 2 + y // 2) % 2))[None, None]  # gray but for the last two levels
-    result = reconstruct_multiscale(scale_descriptors(checkers, PAPER), PAPER, search=Search(max_evaluations=40))
+    result = reconstruct_multiscale(
+        scale_descriptors(checkers, PAPER), PAPER, search=Search(max_evaluations=40), prior=None
+    )
     assert result[-2].reconstruction.distance.item() < 0.9
     assert result[-1].reconstruction.distance.item() < 0.5
 
@@ -141,7 +148,7 @@ def test_the_last_level_has_the_descriptors_of_all(monkeypatch: pytest.MonkeyPat
     apart = []
     for weight in (0.0, 0.1):
         monkeypatch.setattr(multiscale, "COARSER_WEIGHT", weight)
-        levels = reconstruct_multiscale(inputs, spec, scales=scales, search=Search(max_evaluations=60))
+        levels = reconstruct_multiscale(inputs, spec, scales=scales, search=Search(max_evaluations=60), prior=None)
         result = scale_descriptors(levels[-1].reconstruction.image, spec, scales)
         apart.append(sum(float((a - b).norm() / b.norm()) for a, b in zip(result[:-1], inputs[:-1], strict=True)))
     assert apart[1] < 0.8 * apart[0]
@@ -150,7 +157,7 @@ def test_the_last_level_has_the_descriptors_of_all(monkeypatch: pytest.MonkeyPat
 def test_partial_cells_where_the_size_is_given() -> None:
     spec = dataclasses.replace(SPECS["signed"], partial_cells="ceil")
     image = photograph(64)[..., :44, :52]  # 5.5 and 6.5 cells, rounded up
-    levels = reconstruct_multiscale(hog(image, spec), spec, (44, 52), scales=(4, 1), search=FEW)
+    levels = reconstruct_multiscale(hog(image, spec), spec, (44, 52), scales=(4, 1), search=FEW, prior=None)
     assert [tuple(level.reconstruction.image.shape[2:]) for level in levels] == [(22, 26), (44, 52)]
 
 
@@ -160,7 +167,7 @@ def test_batch_equals_loop_and_the_seed_decides(name: str, more: bool) -> None:
     spec, images = SPECS[name], torch.cat([photograph(32), photograph(32, "coins")]).double()
 
     def run(image: Tensor, seed: int = 0) -> list[Tensor]:
-        levels = reconstruct_multiscale(descriptors(image, spec, more), spec, search=FEW, seed=seed)
+        levels = reconstruct_multiscale(descriptors(image, spec, more), spec, search=FEW, seed=seed, prior=None)
         return [level.reconstruction.image for level in levels]
 
     together, alone, other = run(images), run(images[:1]), run(images[:1], seed=1)
@@ -172,10 +179,14 @@ def test_batch_equals_loop_and_the_seed_decides(name: str, more: bool) -> None:
 def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     for picture in ("camera", "coins", "coffee"):
         descriptor = hog(photograph(32, picture), PAPER)
-        chosen = [each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW)]
+        chosen = [
+            each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None)
+        ]
         with monkeypatch.context() as context:
             context.setattr(multiscale, "negatives", lambda image, confidence: (torch.tensor([False]), confidence))
-            images = [each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW)]
+            images = [
+                each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None)
+            ]
         turned = negatives(images[-1])[0]
         assert all(torch.equal(b, negated(a, turned)) for a, b in zip(images, chosen, strict=True))
 
@@ -185,7 +196,7 @@ def test_closeness_keeps_levels_together() -> None:
 
     def agreement(closeness: float) -> float:
         options: dict[str, Any] = {"search": Search(max_evaluations=40), "objective": Objective(closeness=closeness)}
-        small, large = reconstruct_multiscale(descriptor, PAPER, scales=(4, 1), **options)
+        small, large = reconstruct_multiscale(descriptor, PAPER, scales=(4, 1), **options, prior=None)
         return correlation(small.reconstruction.image, avg_pool2d(large.reconstruction.image, 2))
 
     assert agreement(10.0) > agreement(0.0)
@@ -204,4 +215,4 @@ def test_closeness_keeps_levels_together() -> None:
 )
 def test_refused_input(inputs: Any, options: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        reconstruct_multiscale(inputs, PAPER, **options)
+        reconstruct_multiscale(inputs, PAPER, **options, prior=None)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
-from nablahog.invert import AsPublished, Objective, Search, scale_descriptors
+from nablahog.invert import AsPublished, Objective, Search, default_prior, scale_descriptors
 from nablahog.invert.published import DIAGONAL, PublishedObjective
 
 from .photographs import photograph
@@ -144,7 +144,7 @@ def test_levels(more: bool) -> None:
         {"search": Search(max_evaluations=9)},
         {"objective": Objective(smoothness=1)},
         {"expected": torch.zeros(1, 1, 16, 16)},
-        {"prior": "default"},
+        {"prior": [default_prior(SPEC)]},
     ],
 )
 def test_options_of_the_default_method_are_refused(options: dict[str, Any]) -> None:

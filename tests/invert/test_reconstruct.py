@@ -43,7 +43,7 @@ BOTH = pytest.mark.parametrize("name", ["signed-global", "paper"])
 def test_the_returned_image_explains_the_descriptor(name: str) -> None:
     spec, image = SPECS[name], photograph(61)
     descriptor = hog(image, spec)
-    result = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120))
+    result = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120), prior=None)
     assert result.image.shape == (1, 1, 61, 61)
     assert result.image.dtype == torch.float32
     assert 0 <= result.image.min() <= result.image.max() <= 1
@@ -56,8 +56,8 @@ def test_the_returned_image_explains_the_descriptor(name: str) -> None:
 def test_photographs_come_back_and_better_the_more_is_spent() -> None:
     images = torch.cat([photograph(64, name) for name in ("camera", "astronaut", "coffee")])
     descriptors = hog(images, UOCTTI)
-    best, fast = (reconstruct(descriptors, UOCTTI, quality=quality) for quality in ("best", "fast"))
-    assert torch.equal(reconstruct(descriptors, UOCTTI).image, best.image)
+    best, fast = (reconstruct(descriptors, UOCTTI, quality=quality, prior=None) for quality in ("best", "fast"))
+    assert torch.equal(reconstruct(descriptors, UOCTTI, prior=None).image, best.image)
     assert (fast.evaluations <= quality_of("fast").evaluations).all()
     assert (fast.evaluations * 5 < best.evaluations).all()
     assert (best.distance < fast.distance).all()
@@ -82,7 +82,13 @@ def test_batch_equals_loop(name: str, search: Search, given: str | None) -> None
     images = torch.cat([photograph(32, name) for name in ("camera", "coins")]).double()
     descriptors, near = hog(images, SPECS[name]), photograph(32, "coffee").double()
     together, *alone = (
-        reconstruct(each, SPECS[name], search=search, **({given: near.expand(len(each), -1, -1, -1)} if given else {}))
+        reconstruct(
+            each,
+            SPECS[name],
+            search=search,
+            **({given: near.expand(len(each), -1, -1, -1)} if given else {}),
+            prior=None,
+        )
         for each in (descriptors, descriptors[:1], descriptors[1:])
     )
     assert together.image.dtype == together.distance.dtype == together.history.dtype == torch.float64
@@ -96,7 +102,9 @@ def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
     calls: list[tuple[int, int]] = []
     images = torch.cat([photograph(32), torch.full((1, 1, 32, 32), 0.7)])  # a flat one is found at once
     few = Search(max_evaluations=budget)
-    result = reconstruct(hog(images, SPECS[name]), SPECS[name], search=few, progress=lambda *call: calls.append(call))
+    result = reconstruct(
+        hog(images, SPECS[name]), SPECS[name], search=few, progress=lambda *call: calls.append(call), prior=None
+    )
     done = [call[0] for call in calls]
     assert done == sorted(set(done))
     assert {most for _, most in calls} == {budget}
@@ -111,7 +119,7 @@ def test_progress_rises_up_to_the_budget(name: str, budget: int) -> None:
 @pytest.mark.parametrize("spec", [presets.paper(1), presets.uoctti(2)], ids=["paper", "uoctti"])
 def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
     image = torch.rand(1, 1, *size, generator=torch.Generator().manual_seed(0))
-    result = reconstruct(hog(image, spec), spec, image_size=size, search=Search(max_evaluations=20))
+    result = reconstruct(hog(image, spec), spec, image_size=size, search=Search(max_evaluations=20), prior=None)
     assert torch.isfinite(result.image).all()
     assert torch.isfinite(result.history).all()
 
@@ -123,7 +131,7 @@ def test_samples_need_evaluations_and_agree_on_what_the_seed_does_not_decide() -
 
     def images(budget: int, samples: tuple[int, ...], seed: int = 0) -> list[Tensor]:
         searches = [Search(max_evaluations=budget, samples=count) for count in samples]
-        return [reconstruct(descriptor, spec, search=search, seed=seed).image for search in searches]
+        return [reconstruct(descriptor, spec, search=search, seed=seed, prior=None).image for search in searches]
 
     one, six = images(enough_for_two - 2, (1, 6))
     assert torch.equal(one, six)
@@ -157,22 +165,24 @@ def test_given_images_guide_the_search_at_any_contrast(name: str, which: str) ->
     spec, image, few = SPECS[name], photograph(48).double(), Search(max_evaluations=40)
     descriptor = hog(image, spec)
     full, half = (
-        reconstruct(descriptor, spec, search=few, **{which: 0.5 + contrast * (image - 0.5)}).image
+        reconstruct(descriptor, spec, search=few, **{which: 0.5 + contrast * (image - 0.5)}, prior=None).image
         for contrast in (1.0, 0.5)
     )
     torch.testing.assert_close(full, half, atol=1e-6, rtol=0)
     assert abs(correlation(full, image)) > 0.97
-    negative = reconstruct(descriptor, spec, search=few, **{which: 1 - image}).image
+    negative = reconstruct(descriptor, spec, search=few, **{which: 1 - image}, prior=None).image
     assert (abs(correlation(negative, image)) > 0.97) == (not spec.signed)
 
 
 def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> None:
     for name in ("camera", "coins", "coffee"):
-        image = reconstruct(hog(photograph(32, name), PAPER), PAPER, search=Search(max_evaluations=30)).image
+        image = reconstruct(
+            hog(photograph(32, name), PAPER), PAPER, search=Search(max_evaluations=30), prior=None
+        ).image
         assert torch.equal(image, negated(image, negatives(image)[0]))
     for name in ("signed-global", "paper"):  # a signed descriptor knows
         results = [
-            reconstruct(hog(each, SPECS[name]), SPECS[name], search=Search(max_evaluations=60)).image
+            reconstruct(hog(each, SPECS[name]), SPECS[name], search=Search(max_evaluations=60), prior=None).image
             for each in (photograph(32), 1 - photograph(32))
         ]
         assert (correlation(*results) < 0) == (name == "signed-global")
@@ -181,14 +191,14 @@ def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> Non
 def test_the_descriptor_carries_no_gradient_and_is_not_changed() -> None:
     descriptor = hog(photograph(32), UOCTTI).requires_grad_()
     before = descriptor.detach().clone()
-    assert not reconstruct(descriptor, UOCTTI, search=Search(max_evaluations=5)).image.requires_grad
+    assert not reconstruct(descriptor, UOCTTI, search=Search(max_evaluations=5), prior=None).image.requires_grad
     assert torch.equal(descriptor, before)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cpu_and_cuda_start_alike() -> None:
     descriptor, few = hog(photograph(64), UOCTTI).double(), Search(max_evaluations=15)
-    cpu, cuda = (reconstruct(descriptor.to(d), UOCTTI, search=few).image.cpu() for d in ("cpu", "cuda"))
+    cpu, cuda = (reconstruct(descriptor.to(d), UOCTTI, search=few, prior=None).image.cpu() for d in ("cpu", "cuda"))
     torch.testing.assert_close(cpu, cuda, atol=1e-3, rtol=0)
 
 
@@ -197,24 +207,24 @@ def test_arrays_have_the_same_pre_images_as_arrays() -> None:
         hog(np.random.default_rng(0).random((2, 32, 24, 1), np.float32), UOCTTI),
         Search(max_evaluations=10),
     )
-    arrays = reconstruct(descriptors, UOCTTI, [32, 24], search=few)
-    tensors = reconstruct(torch.from_numpy(descriptors), UOCTTI, (32, 24), search=few)
+    arrays = reconstruct(descriptors, UOCTTI, [32, 24], search=few, prior=None)
+    tensors = reconstruct(torch.from_numpy(descriptors), UOCTTI, (32, 24), search=few, prior=None)
     np.testing.assert_array_equal(arrays.image, tensors.image[:, 0].numpy())
     for name in ("distance", "history", "evaluations"):
         np.testing.assert_array_equal(getattr(arrays, name), getattr(tensors, name).numpy())
     start = np.random.default_rng(1).random((32, 24), np.float32)
-    one = reconstruct(descriptors[0], UOCTTI, start=start, search=few)
-    batch = reconstruct(descriptors[:1], UOCTTI, start=torch.from_numpy(start)[None, None], search=few)
+    one = reconstruct(descriptors[0], UOCTTI, start=start, search=few, prior=None)
+    batch = reconstruct(descriptors[:1], UOCTTI, start=torch.from_numpy(start)[None, None], search=few, prior=None)
     assert one.image.shape == (32, 24)
     np.testing.assert_array_equal(one.image, batch.image[0])
     np.testing.assert_array_equal(one.history, batch.history[:, 0])
-    levels = reconstruct_multiscale(descriptors[0], UOCTTI, scales=(4, 1), search=few)
+    levels = reconstruct_multiscale(descriptors[0], UOCTTI, scales=(4, 1), search=few, prior=None)
     assert [level.reconstruction.image.shape for level in levels] == [(16, 12), (32, 24)]
 
 
 def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
     descriptor, few = hog(torch.rand(5, 1, 16, 16), presets.uoctti()), Search(max_evaluations=5)
-    result = reconstruct(descriptor, "uoctti", search=few)
+    result = reconstruct(descriptor, "uoctti", search=few, prior=None)
     shown = r"<Reconstruction image 5x1x16x16, distance ([\d.e-]+, ){4}…, [\w ,]+, \d+\.\d s>"
     assert re.fullmatch(shown, repr(result))
     page = result._repr_html_()
@@ -248,7 +258,7 @@ def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
 )
 def test_refused_input(descriptor: Tensor, spec: str, options: Any, error: type[Exception], says: str) -> None:
     with pytest.raises(error, match=says):
-        reconstruct(descriptor, spec, **options)
+        reconstruct(descriptor, spec, **options, prior=None)
 
 
 @pytest.mark.parametrize(
@@ -288,8 +298,8 @@ def test_watching_changes_nothing(spec: HOGSpec, method: str) -> None:
     def watch(iterate: Iterate) -> None:
         seen.append((iterate.image, iterate.evaluations.clone()))
 
-    watched = reconstruct(descriptors, spec, (32, 32), watch=watch, **METHODS[method])
-    assert torch.equal(watched.image, reconstruct(descriptors, spec, (32, 32), **METHODS[method]).image)
+    watched = reconstruct(descriptors, spec, (32, 32), watch=watch, **METHODS[method], prior=None)
+    assert torch.equal(watched.image, reconstruct(descriptors, spec, (32, 32), **METHODS[method], prior=None).image)
     assert all(image.shape == (2, 1, 32, 32) and 0 <= image.min() <= image.max() <= 1 for image, _ in seen)
     assert all((after >= before).all() for (_, before), (_, after) in itertools.pairwise(seen))
     assert (seen[-1][0] - watched.image).abs().mean() < 0.05
@@ -309,7 +319,7 @@ def test_an_exception_ends_the_search(method: str) -> None:
             raise Enough
 
     with pytest.raises(Enough):
-        reconstruct(hog(torch.rand(1, 1, 32, 32), UOCTTI), UOCTTI, watch=watch, **METHODS[method])
+        reconstruct(hog(torch.rand(1, 1, 32, 32), UOCTTI), UOCTTI, watch=watch, **METHODS[method], prior=None)
     assert len(calls) == 2
 
 
@@ -317,6 +327,8 @@ def test_an_exception_ends_the_search(method: str) -> None:
 def test_the_seed_decides(name: str) -> None:
     spec = SPECS[name]
     descriptor, few = hog(photograph(32), spec), Search(max_evaluations=30)
-    first, again, other = (reconstruct(descriptor, spec, seed=s, search=few).image for s in (0, np.int64(0), 1))
+    first, again, other = (
+        reconstruct(descriptor, spec, seed=s, search=few, prior=None).image for s in (0, np.int64(0), 1)
+    )
     assert torch.equal(first, again)
     assert not torch.equal(first, other)

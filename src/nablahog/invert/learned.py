@@ -183,9 +183,12 @@ class Priors(NamedTuple):
     details: LearnedPrior | None = None
 
 
-def as_priors(prior: PriorChoice, spec: HOGSpec) -> Priors | None:
-    """The chosen priors for descriptors of ``spec``; ValueError if a list has none for these, or several."""
-    if prior is None:
+def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> Priors | None:
+    """The chosen priors for descriptors of ``spec``; ValueError if a list has none for these, or several.
+
+    Without ``by_default``, "default" means none.
+    """
+    if prior is None or (prior == "default" and not by_default):
         return None
     if isinstance(prior, LearnedPrior):
         return Priors(prior)

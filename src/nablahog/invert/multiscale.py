@@ -110,7 +110,7 @@ def reconstruct_multiscale(
     scales: Sequence[int] = SCALES,
     method: InversionMethod | AsPublished = "default",
     seed: int = 0,
-    prior: PriorChoice = None,
+    prior: PriorChoice = "default",
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -157,9 +157,15 @@ def reconstruct_multiscale(
     one = isinstance(descriptors, Tensor | np.ndarray)
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
-    published = as_published(method, prior=(prior, None), search=(search, Search()), objective=(objective, Objective()))
+    published = as_published(
+        method,
+        prior=("default" if prior is None else prior, "default"),
+        search=(search, Search()),
+        objective=(objective, Objective()),
+    )
     plan = _plan(targets, one, spec, image_size, scales, search, published)
-    learned, start, expected = as_priors(prior, spec), None, None
+    learned = as_priors(prior, spec, by_default=published is None and search.samples is None)
+    start, expected = None, None
     if one and published is None:
         start, expected = _first_images(plan, spec, seed, learned)
     levels: list[Level] = []

@@ -64,7 +64,7 @@ def reconstruct(
     seed: int = 0,
     start: Tensor | ArrayImage | None = None,
     expected: Tensor | ArrayImage | None = None,
-    prior: PriorChoice = None,
+    prior: PriorChoice = "default",
     search: Search = Search(),
     objective: Objective = Objective(),
     progress: Callable[[int, int], None] | None = None,
@@ -72,14 +72,14 @@ def reconstruct(
 ) -> Reconstruction[Descriptors]:
     """Images whose HOG is the given descriptor, from the descriptor alone, for a whole batch at once.
 
-    First the histograms before normalisation are recovered (:mod:`.histograms`).  Then several images with these
-    histograms, the samples, are found from different starts.  Their smoothed mean is the *expected* image, in which
-    everything that they disagree on is averaged out.  The result is an image with the given descriptor, close to the
-    expected one.
+    A learned prior predicts the *expected* image of a descriptor, the mean of all photographs that have it.  The result
+    is an image with the given descriptor, close to the expected one.
 
-    Samples for an unsigned descriptor would differ in the signs of whole regions.  So the expected image comes from
-    estimated signs, and of the image and its negative the one that looks more like a photograph is returned
-    (:mod:`.signs`).  A learned prior is better at both.
+    Without a prior, first the histograms before normalisation are recovered (:mod:`.histograms`).  Then several images
+    with these histograms, the samples, are found from different starts.  The expected image is their smoothed mean, in
+    which everything that they disagree on is averaged out.  Samples for an unsigned descriptor would differ in the
+    signs of whole regions.  So there the expected image comes from estimated signs, and of the image and its negative
+    the one that looks more like a photograph is returned (:mod:`.signs`).
 
     Each image has its own steps and its own stop.  So an image has the same result in a batch as alone, up to rounding,
     which a long search may amplify.  A batch that needs more than half a GiB, or more than two fifths of the free
@@ -94,10 +94,11 @@ def reconstruct(
         method: ``"default"``; or ``"paper"``, the paper's own search, whose options an ``invert.AsPublished`` sets.
         seed: of the initial noise, which is the same for every image of the batch.
         start: (B, 1, H, W) in 0…1, initial images, of any contrast; by default the integral of the mean gradients.
-        expected: (B, 1, H, W) in 0…1, of any contrast: the expected images; then no samples are drawn.
+        expected: (B, 1, H, W) in 0…1, of any contrast: the expected images; then there are no samples and no prior.
         prior: a network trained for such descriptors, which predicts the expected image, and for unsigned ones also
             the polarity.  For unsigned descriptors there may be two, ``[unsigned, signed]``: the second adds details
-            when an image is found.  ``"default"``: the priors that come with the package.
+            when an image is found.  ``"default"``: the priors that come with the package, or none if ``expected`` or
+            a number of samples is given.  None: no prior.
         search: the minimiser, its budget, and the number of samples.
         objective: smoothness ξ, closeness λ, and priors.
         progress: called with the number of evaluations so far and the largest possible number, over all parts of the
@@ -131,7 +132,7 @@ def reconstruct(
         method,
         quality=(quality, "best"),
         expected=(expected, None),
-        prior=(prior, None),
+        prior=("default" if prior is None else prior, "default"),
         search=(search, Search()),
         objective=(objective, Objective()),
     )
@@ -143,7 +144,7 @@ def reconstruct(
         )
         return of_the_kind(result, descriptor)
     expected = check_images("expected", expected, targets, size, spec)
-    learned = as_priors(prior, spec)
+    learned = as_priors(prior, spec, by_default=expected is None and search.samples is None)
     if learned is not None:
         if expected is not None:
             raise ValueError("expected images and a prior contradict each other: give one of them")

@@ -124,6 +124,7 @@ def reconstruct_template(
             image_size,
             quality="best" if signed else "fast",
             seed=seed + number,
+            prior=None,
             search=Search(max_evaluations=max_evaluations),
             objective=Objective(smoothness=SMOOTHNESS),
             progress=share_of(progress, number, count),

@@ -11,11 +11,12 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, asdict, fields
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import torch
 from torch import Tensor, nn
-from torch.nn.utils import vector_to_parameters
 
 from ..hog.spec import HOGSpec
 from ..runtime.text import one_line
@@ -166,6 +167,18 @@ def flat(tensors: Iterable[Tensor]) -> Tensor:
     return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
 
 
+def load_once(model: type[Model], file: Path) -> Model:
+    """The model in a file, which is read again only when the file has changed."""
+    state = file.stat() if file.exists() else None
+    loaded: Model = _load(model, file, state and (state.st_mtime_ns, state.st_size))
+    return loaded
+
+
+@lru_cache(maxsize=8)
+def _load(model: type[LearnedModel], file: Path, changed: tuple[int, int] | None) -> Any:
+    return model.load(file)
+
+
 def count(make: Callable[[], nn.Module]) -> int:
     """The number of weights of the network that ``make`` makes, without allocating them."""
     with torch.device("meta"):
@@ -181,8 +194,11 @@ def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
     """The network that ``make`` makes, with weights (n,), in float32 on the CPU, for evaluation."""
     with torch.device("meta"):
         network = make()
-    network.to_empty(device="cpu")
-    vector_to_parameters(weights.float().cpu(), network.parameters())
+    parameters = dict(network.named_parameters())
+    parts = torch.split(weights.float().cpu(), [each.numel() for each in parameters.values()])
+    state = {name: part.view(each.shape) for (name, each), part in zip(parameters.items(), parts, strict=True)}
+    state |= {name: torch.zeros(each.shape, dtype=each.dtype) for name, each in network.named_buffers()}
+    network.load_state_dict(state, assign=True)  # Module.to_empty imports SymPy, for half a second
     for layer in _normalised(network):
         layer.reset_running_stats()
     return network.eval()

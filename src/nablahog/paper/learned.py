@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,7 +16,7 @@ from ..invert.learned import default_prior_file, network_class
 from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
-from ..io.learned_model import LearnedModel
+from ..io.learned_model import LearnedModel, load_once
 from ..runtime.cache import cache_folder, code_key
 from .baselines.bovw import BoVW, learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
@@ -85,13 +84,7 @@ def shipped_files() -> dict[str, Path]:
 
 def load(kind: str, path: Path) -> Any:
     """The model of a kind in a file, which is read once however many images it is used for."""
-    state = path.stat() if path.exists() else None
-    return _load(kind, path, state and state.st_mtime_ns, state and state.st_size)
-
-
-@lru_cache(maxsize=len(LEARNED))
-def _load(kind: str, path: Path, changed: int | None, size: int | None) -> LearnedModel:
-    return LEARNED[kind].model.load(path)
+    return load_once(LEARNED[kind].model, path)
 
 
 def learned_from_samples(kind: str, progress: Progress) -> Path:

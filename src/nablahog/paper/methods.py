@@ -97,8 +97,7 @@ def _searched(
         options["method"] = AsPublished(max_evaluations=settings.max_evaluations)
     else:
         options["search"] = Search(max_evaluations=settings.max_evaluations)
-    if priors:
-        options["prior"] = [_needed(kind, settings) for kind in priors]
+        options["prior"] = [_needed(kind, settings) for kind in priors] or None
     size = (image.shape[2], image.shape[3])
     if scales is None:
         return [_output(reconstruct(hog(image, spec), spec, size, **options))]

@@ -17,9 +17,9 @@ import torch
 from ...invert import LearnedPrior
 from ...invert.learned import PriorChoice
 from ...io.files import output_folder, write_text
+from ...io.learned_model import load_once
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
-from ...paper.learned import load
 from ...runtime.cache import code_key
 from ..errors import Skipping, UserError, as_user_error, forbid_overwrite
 from ..inputs.sources import Source, read_inputs
@@ -252,5 +252,5 @@ class InversionJob:
         )
 
     def _prior(self) -> PriorChoice:
-        given: LearnedPrior | None = None if self.prior is None else load("prior", local_path(self.prior))
+        given = None if self.prior is None else load_once(LearnedPrior, local_path(self.prior))
         return PriorOptions(given, self.default).for_spec(self.source.spec)
