@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from skimage import data
-from skimage.metrics import peak_signal_noise_ratio
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from nablahog.metrics import (
     VIEWS,
@@ -83,6 +83,13 @@ def test_bytes_and_lists() -> None:
         expected = measure(levels / 255.0, 1 - levels / 255.0)
         assert measure(levels, 255 - levels) == pytest.approx(expected)
         assert measure(torch.from_numpy(levels), (1 - levels / 255.0).tolist()) == pytest.approx(expected)
+
+
+def test_ssim_is_that_of_scikit_image(random: np.random.Generator) -> None:
+    for size in ((7, 7), (40, 33), (128, 128)):
+        a = random.random(size)
+        b = np.clip(a + 0.2 * random.standard_normal(size), 0, 1)
+        assert ssim(a, b) == pytest.approx(structural_similarity(a, b, data_range=1), abs=1e-13)
 
 
 def test_ssim_needs_its_window() -> None:

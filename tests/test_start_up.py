@@ -46,6 +46,33 @@ def test_importing_is_light() -> None:
     assert loaded_by("import numpy") == {"numpy"}  # which would be seen
 
 
+BLOCKED = "import sys\nfor name in {}: sys.modules[name] = None\n"  # as if they were not installed
+
+
+def test_hog_needs_pytorch_and_numpy_alone() -> None:
+    others = [name for name in HEAVY if name not in ("torch", "numpy")]
+    program = f"""{BLOCKED.format(others)}
+import numpy, torch, nablahog
+from nablahog.compat import opencv, skimage
+image = torch.rand(1, 3, 64, 64, requires_grad=True)
+for name in ("paper", "uoctti", "opencv"):
+    nablahog.HOG(name)(image).square().sum().backward()
+print(skimage.hog(numpy.ones((32, 32))).shape, nablahog.hog(numpy.ones((32, 32)), "paper").shape)"""
+    assert show(program) == "(324,) (4, 4, 9)\n"
+
+
+def test_poses_and_pre_images_need_no_photographs() -> None:
+    program = f"""{BLOCKED.format(["skimage"])}
+import nablahog
+from nablahog.render import pose
+chair, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, height=96, width=96)
+photo = nablahog.render(chair, pose(azimuth=30, elevation=20, distance=3), camera)[0]
+nablahog.estimate_pose(photo, chair)
+image = nablahog.reconstruct(nablahog.hog(photo[None], "uoctti"), "uoctti", quality="fast").image
+print(0 < nablahog.metrics.ssim(image[0, 0], photo[0]) < 1)"""
+    assert show(program) == "True\n"
+
+
 def test_help_and_refusals_are_light() -> None:
     asked = [["--help"], ["--version"], ["learn", "--help"], *([*command.split(), "--help"] for command in _COMMANDS)]
     wrong = [[], ["hog"], ["invert", "a.png", "-o", "b", "--device", "tpu"], ["table1", "-o", "b", "--methods", "best"]]

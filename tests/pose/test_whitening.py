@@ -15,9 +15,10 @@ from torch.testing import assert_close
 
 from nablahog import native
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.io.images import limit_size
+from nablahog.hog.gradient import gray
+from nablahog.io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from nablahog.pose import whitening
-from nablahog.pose.background import default_background, learn_background
+from nablahog.pose.background import default_background, learn_background, pose_spec
 from nablahog.pose.whitening import Background, Whitener
 
 from ..io.archives import check_refused
@@ -54,6 +55,16 @@ def inner_cells(of: dict[str, Tensor], spec: HOGSpec, order: int) -> list[Tensor
                 break
             result.append(hog(small[None], spec)[0, 1:-1, 1:-1].double())
     return result
+
+
+@pytest.mark.parametrize("cell_size", [4, 8])
+def test_the_backgrounds_of_the_package_are_of_the_sample_photographs(cell_size: int) -> None:
+    shipped = default_background(pose_spec(cell_size))
+    samples = {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}
+    learned = learn_background(samples, pose_spec(cell_size))
+    assert shipped.images == learned.images
+    assert_close(shipped.mean, learned.mean, atol=1e-9, rtol=0)
+    assert_close(shipped.covariance, learned.covariance, atol=1e-9, rtol=0)
 
 
 # --- what is learned --------------------------------------------------------------------------------------------------

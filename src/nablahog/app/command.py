@@ -10,23 +10,19 @@ from pathlib import Path
 from ..cli.errors import UserError, as_user_error
 from ..cli.terminal import say
 from ..io.images import read_image
+from ..runtime.extras import extra
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-PACKAGES = ("starlette", "uvicorn", "websockets", "msgspec")
 
 
 def app(arguments: Namespace) -> None:
     """Serves the page until it is interrupted."""
-    try:
+    with extra("app", "the page"):
         import uvicorn
 
         from .access import AccessRules
         from .server import make_app
         from .store import Photograph
-    except ModuleNotFoundError as error:
-        if error.name not in PACKAGES:
-            raise
-        raise UserError(f"the page needs {error.name}: pip install 'nablahog[app]'") from None
     with as_user_error():
         photographs = [Photograph(Path(path).name, read_image(path)) for path in arguments.photos]
     listening = listen(arguments.host, arguments.port)

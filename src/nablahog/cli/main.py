@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from ..runtime.extras import MissingExtra
 from ..runtime.text import one_line
 from .arguments import options
 from .arguments.invert import demo, glyph, hog, invert
@@ -121,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader has closed the pipe; Python would fail again when it flushes stdout at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (UserError, OSError) as error:
+    except (UserError, OSError, MissingExtra) as error:
         return _failed(command, str(error))
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):

@@ -9,13 +9,13 @@ from typing import Any, Literal, TypeVar, overload
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from skimage.draw import line
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
+from ..runtime.extras import extra
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
@@ -240,6 +240,9 @@ def _strokes(
     shape: tuple[int, ...], cell_size: tuple[int, int], width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pixels of a flat image, and the entry of flat cells to add to each."""
+    with extra("skimage", "visualize=True"):
+        from skimage.draw import line
+
     bins, rows, cols = shape
     radius = min(cell_size) // 2 - 1
     angles = np.pi * (np.arange(bins) + 0.5) / bins

@@ -16,6 +16,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
+from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import check_file, replacing
 from .pixels import decoded, has_8_bits, levels, register_heif
@@ -154,8 +155,13 @@ def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) ->
 
 
 def sample_photograph(name: str) -> Tensor:
-    """One of :data:`SAMPLE_NAMES`, (C, H, W) with C 1 or 3, float32 in 0…1."""
-    from skimage import data  # slow to import
+    """One of :data:`SAMPLE_NAMES`, (C, H, W) with C 1 or 3, float32 in 0…1.
+
+    Raises:
+        ModuleNotFoundError: scikit-image is not installed.
+    """
+    with extra("skimage", "a sample photograph"):
+        from skimage import data  # slow to import
 
     photograph = torch.from_numpy(getattr(data, name)())
     return (photograph.permute(2, 0, 1) if photograph.dim() == 3 else photograph[None]) / 255

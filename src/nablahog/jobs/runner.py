@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from typing import Any, Generic, TypeVar
 
+from ..runtime.extras import extra
 from .worker import DIED, Work, attempt, begin, one_thread
 
 R = TypeVar("R")
@@ -23,10 +24,8 @@ def run_anywhere(
     """As :func:`run_jobs`, or, if ``cluster`` names one, :func:`.cluster.run_on_cluster`; ValueError without Dask."""
     if cluster is None:
         return run_jobs(jobs, workers=workers, started=started)
-    try:
+    with extra("cluster", "a cluster"):
         from .cluster import run_on_cluster  # loads Dask
-    except ModuleNotFoundError as error:
-        raise ValueError(f"a cluster needs {error.name}: pip install 'nablahog[cluster]'") from None
     return run_on_cluster(jobs, cluster=cluster, started=started)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -17,6 +18,7 @@ from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .options import ORDER
 from .whitening import Background, check_spec
 
+FOLDER = Path(__file__).with_name("default_backgrounds")  # see its README.md
 STEP = 2**-0.5  # between two scales of a photograph
 RING = 1  # cells next to the border of an image, which are unlike all others
 COARSE, FINE = 8, 4  # pixels of a cell: poses are told apart that are half as far from each other
@@ -85,18 +87,25 @@ def learn_background(
 
 @lru_cache(maxsize=8)
 def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
-    """The background of the photographs that come with scikit-image, learned at the first call for ``spec``.
+    """The background of the photographs that come with scikit-image.
+
+    Those of :func:`pose_spec` come with the package, any other is learned at its first call.
 
     Args:
         spec, order: as for :func:`learn_background`.
 
     Raises:
         ValueError: as :func:`learn_background`.
+        ModuleNotFoundError: it must be learned, and scikit-image is not installed.
 
     >>> background = nablahog.pose.default_background(nablahog.presets.aubry(cell_size=8), 2)
     >>> background.mean.shape, background.order
     (torch.Size([9]), 2)
     """
+    spec = as_spec(spec)
+    file = FOLDER / f"cells_of_{spec.cell_size[0]}.npz"
+    if order == ORDER and file.exists() and spec == pose_spec(spec.cell_size[0]):
+        return Background.load(file)
     photographs = {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}
     return learn_background(photographs, spec, order=order)
 

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
-from scipy import ndimage
 
 from ..hog import HOGSpec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
@@ -142,6 +141,8 @@ def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
 
 def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     """A picture (1 or 3, H, W) in 0…1 as (3, H, W) with the outline of a region (H, W) in red, two pixels wide."""
+    from scipy import ndimage  # a sixth of a second, which only poses need
+
     drawn: NDArray[np.float64] = np.broadcast_to(as_array(picture), (3, *inside.shape)).copy()
     line = ndimage.binary_dilation(inside) & ~ndimage.binary_erosion(inside, border_value=1)
     drawn[:, line] = np.array(RED)[:, None]

@@ -35,6 +35,14 @@ def test_without_the_extra(refused: Callable[..., None], monkeypatch: pytest.Mon
     refused("app", message="the page needs uvicorn: pip install 'nablahog[app]'")
 
 
+def test_samples_without_the_extra(
+    refused: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "skimage", None)
+    message = "a sample photograph needs skimage: pip install 'nablahog[skimage]'"
+    refused("demo", "-o", str(tmp_path / "demo"), message=message)
+
+
 def test_what_it_refuses(refused: Callable[..., None], tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])

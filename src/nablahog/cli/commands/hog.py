@@ -20,12 +20,13 @@ from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
+from ...runtime.extras import extra
 from ...runtime.text import decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
 from ..errors import SOME_SKIPPED, UserError, as_user_error, forbid_overwrite
-from ..inputs.sources import DATASET, Inputs, Source, dataset_extra, expand, read_inputs
+from ..inputs.sources import DATASET, Inputs, Source, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _write_each(
 
 def hog_dataset(arguments: Namespace) -> int:
     """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status."""
-    with dataset_extra():
+    with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import key_of_shard, shard_name
         from ...jobs.describing import ShardJob
     with as_user_error():

@@ -25,6 +25,7 @@ from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.files import distinct_stems, local_name, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.pixels import MAX_BYTES
+from ...runtime.extras import extra
 from ...runtime.text import unicode_of
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
@@ -216,18 +217,9 @@ def read_each(expanded: Inputs, read: Callable[[str, str], list[Source]]) -> lis
     return sources
 
 
-@contextmanager
-def dataset_extra() -> Iterator[None]:
-    """Turns a failed import in the block into a UserError that names the extra for data sets."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise UserError(f"a data set of descriptors needs {error.name}: pip install 'nablahog[dataset]'") from None
-
-
 def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
     """A data set of descriptors; raises UserError if there is none, or its spec contradicts the options."""
-    with dataset_extra():
+    with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import DescriptorDataset
     with as_user_error():
         data = DescriptorDataset(name)

@@ -28,6 +28,7 @@ from ...invert.arguments import check_descriptor
 from ...invert.provenance import Learning
 from ...invert.reconstruction import Reconstruction, relative_distance
 from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, check_tensor
+from ...runtime.extras import extra
 
 CELLS = 5  # of a window's side
 MARGIN = 1  # cells on each side by which a patch is larger
@@ -160,10 +161,8 @@ def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
 
     By scikit-learn's coordinate descent, within ‖x‖² / 1000 of the minimum; ValueError if it is not installed.
     """
-    try:
+    with extra("sklearn", "HOGgles"):
         from sklearn.linear_model import Lasso
-    except ModuleNotFoundError:
-        raise ValueError("HOGgles needs scikit-learn: pip install 'nablahog[sklearn]'") from None
     codes = vectors.new_zeros(len(vectors), len(atoms))
     nonzero = vectors.any(1)  # the codes of other windows are 0, and some versions warn of them
     if nonzero.any():

@@ -24,6 +24,7 @@ from torch import Tensor
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
 from ...invert.provenance import check_images, digest_of_images
+from ...runtime.extras import extra
 from .hoggles import (
     CELLS,
     MARGIN,
@@ -124,10 +125,8 @@ def learn_hoggles(
 
 def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
     """Online learning with positive codes that begins with ``atoms`` (K, n), each of length 1 at most."""
-    try:
+    with extra("sklearn", "HOGgles"):
         from sklearn.decomposition import MiniBatchDictionaryLearning
-    except ModuleNotFoundError:
-        raise ValueError("HOGgles needs scikit-learn: pip install 'nablahog[sklearn]'") from None
     return MiniBatchDictionaryLearning(
         len(atoms),
         alpha=sparsity,
