@@ -37,7 +37,9 @@ def test_hog_refuses(case: str) -> None:
 def test_other_options_are_refused() -> None:
     images: Any = torch.zeros(1, 1, 8, 8)
     for make in (lambda: hog(images, "Skimage"), lambda: HOG("Skimage")):
-        with pytest.raises(ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'$"):
+        with pytest.raises(
+            ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'; did you mean 'skimage'\?$"
+        ):
             make()
     with pytest.raises(TypeError, match=r"got function$"):
         hog(images, presets.paper)  # type: ignore[call-overload]

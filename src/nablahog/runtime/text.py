@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Iterable
 
 MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
@@ -45,6 +46,15 @@ def guarded(text: str) -> str:
 def unguarded(text: str) -> str:
     """The text that :func:`guarded` made this of."""
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
+
+
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
+    import difflib  # slower than all else that --help loads
+
+    names = {choice.casefold(): choice for choice in choices}
+    near = difflib.get_close_matches(word.casefold(), names, n=1, cutoff=0.65)
+    return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
 def one_line(message: object, most: int = MOST_CHARACTERS) -> str:
