@@ -227,6 +227,8 @@ def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
     ("descriptor", "spec", "options", "error", "says"),
     [
         (torch.zeros(16, 16, 31), "uoctti", {}, ValueError, r"\(B, rows, cols, channels\).*got \(16, 16, 31\)"),
+        ("d.npz", "uoctti", {}, TypeError, r"got a path: write nablahog\.load_descriptor\(path\)\.descriptor$"),
+        ([np.zeros((4, 4, 31))], "uoctti", {}, TypeError, "got a list: write one call for each of them, or .*np.stack"),
         (torch.zeros(0, 16, 16, 31), "uoctti", {}, ValueError, "B at least 1"),
         (torch.zeros(1, 4, 4, 9), "uoctti", {}, ValueError, r"\(4, 4, 31\).*got \(4, 4, 9\)"),
         (torch.zeros(1, 4, 4, 31), "uoctti", {"image_size": (64, 64)}, ValueError, r"64x64.*\(8, 8, 31\)"),

@@ -31,7 +31,7 @@ class _Package(ModuleType):
             and find_spec(f"{self.__name__}.{name}") is not None
         ):
             return import_module(f"{self.__name__}.{name}")
-        likely = "" if name.startswith("_") else did_you_mean(name, dir(self))
+        likely = "" if name[:1] == "_" else did_you_mean(name, (each for each in dir(self) if each[0] != "_"))
         # without obj, or Python would add a suggestion of its own
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{likely}", name=name)
 
