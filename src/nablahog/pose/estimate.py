@@ -29,7 +29,8 @@ from .crop import check_photograph, crop_object, masked, typical_camera
 from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
-from .problem import ELEVATIONS, PoseEstimate, PoseProblem
+from .problem import ELEVATIONS, PoseProblem
+from .result import PoseEstimate
 from .surroundings import find_boxes
 from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
 from .whitening import Background
