@@ -182,6 +182,7 @@ def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None)
         raise ValueError(
             f"the mask must be bool of the photograph's shape {tuple(photograph.shape[1:])}, "
             f"got {str(mask.dtype).removeprefix('torch.')} of shape {tuple(mask.shape)}"
+            + (": write mask > 0" if mask.dtype != torch.bool else "")
         )
     if not bool(mask.any()):
         raise ValueError("the mask must be true where the object is, but it is nowhere")

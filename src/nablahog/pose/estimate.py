@@ -181,6 +181,11 @@ def estimate_pose(
     lens = known_lens(photograph, focal, principal_point, image)
     check_photograph(image)
     if mask is not None:
+        if not isinstance(mask, Tensor | np.ndarray):
+            raise TypeError(
+                f"the mask must be a tensor or an array of bool, got {type(mask).__name__}: of an image write "
+                "np.asarray(image.convert('L')) > 0"
+            )
         image, box = masked(image, torch.as_tensor(mask), box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
