@@ -155,7 +155,7 @@ class PoseEstimate:
         return world.matmul(self.matrix("opengl").inverse())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes all figures to a file of JSON, with the names of an annotation of ``nablahog pose``; it is replaced whole.
+        """Writes all figures as JSON, with the names of an annotation of ``nablahog pose``; replaces the file whole.
 
         Raises:
             OSError: the file cannot be written.
