@@ -13,6 +13,7 @@ import torch
 
 from nablahog import HOG, presets
 from nablahog.cli.main import _COMMANDS
+from tests.public_surface import members
 
 HEAVY = ("torch", "numpy", "scipy", "skimage", "PIL", "matplotlib", "rich", "trimesh", "platformdirs")
 LAZY = ("nablahog", "nablahog.hog", "nablahog.invert", "nablahog.io", "nablahog.pose", "nablahog.viz")
@@ -92,6 +93,28 @@ def test_every_name_is_there(name: str) -> None:
     program = f"import sys, {name}\nfor n in {package.__all__}: getattr(sys.modules['{name}'], n)\n"
     ended = run(f"{program}from {name} import *\nassert set({package.__all__}) <= set(globals())")
     assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["hog.presets", "metrics", "compat", "compat.opencv", "compat.skimage", "render", "optimize"]
+)
+def test_tab_completion_shows_public_names_alone(name: str) -> None:
+    shown = {each for each in dir(import_module(f"nablahog.{name}")) if not each.startswith("__")}
+    assert shown == {*members(import_module(f"nablahog.{name}"))}
+
+
+def test_a_wrong_name_is_told_the_nearest() -> None:
+    import nablahog
+
+    for module, wrong, right in (
+        (presets, "uoctty", "uoctti"),
+        (nablahog, "HOGspec", "HOGSpec"),
+        (nablahog.metrics, "ssmi", "ssim"),
+    ):
+        with pytest.raises(AttributeError, match=f"{wrong}'; did you mean '{right}'"):
+            getattr(module, wrong)
+    with pytest.raises(ValueError, match="did you mean 'uoctti'"):
+        HOG("UoCTTI")
 
 
 def show(program: str) -> str:

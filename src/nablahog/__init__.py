@@ -1,6 +1,6 @@
 """∇HOG: HOG you can differentiate, invert and fit.
 
-Describe images      ``hog``, ``HOG``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
+Describe images      ``hog``, ``HOG``, ``HOGLoss``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
 Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``template_descriptor``,
                      ``LearnedPrior``, ``train_prior``
 Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``, ``sample_chairs``
@@ -17,7 +17,7 @@ from .runtime.lazy import names_when_used
 
 if TYPE_CHECKING:
     from . import compat, metrics
-    from .hog import HOG, HOGSpec, from_layout, hog, presets, stream, to_layout
+    from .hog import HOG, HOGLoss, HOGSpec, from_layout, hog, presets, stream, to_layout
     from .invert import (
         LearnedPrior,
         Reconstruction,
@@ -36,6 +36,7 @@ __version__ = "0.1.0"
 __all__ = [
     "HOG",
     "Camera",
+    "HOGLoss",
     "HOGSpec",
     "LearnedPrior",
     "Mesh",
@@ -66,7 +67,7 @@ __all__ = [
 # each name is looked up in its room when it is first used: PyTorch takes two seconds to load
 names_when_used(
     __name__,
-    hog=("HOG", "HOGSpec", "from_layout", "hog", "presets", "stream", "to_layout"),
+    hog=("HOG", "HOGLoss", "HOGSpec", "from_layout", "hog", "presets", "stream", "to_layout"),
     invert=(
         "LearnedPrior",
         "Reconstruction",

@@ -18,11 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
+from .runtime.lazy import names_when_used
+
 Image: TypeAlias = Tensor | ArrayLike
 BINS = 256
 WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
-VIEWS = (4, 8, 16, 24)
-"""Numbers of equal views into which the azimuth is divided, for the columns of Table 2."""
+VIEWS = (4, 8, 16, 24)  # numbers of equal views into which the azimuth is divided, for the columns of Table 2
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -108,13 +109,9 @@ def mutual_information(a: Image, b: Image, bins: int = BINS) -> float:
     """
     first, second = _pair(a, b)
     joint, _, _ = np.histogram2d(first.ravel(), second.ravel(), bins=bins, range=((0, 1), (0, 1)))
-    entropy_a, entropy_b, entropy_ab = (_entropy(counts) for counts in (joint.sum(1), joint.sum(0), joint))
+    shares = (counts[counts > 0] / counts.sum() for counts in (joint.sum(1), joint.sum(0), joint))
+    entropy_a, entropy_b, entropy_ab = (float(-(p * np.log2(p)).sum()) for p in shares)
     return max(0.0, entropy_a + entropy_b - entropy_ab)
-
-
-def _entropy(counts: NDArray[np.float64]) -> float:
-    p = counts[counts > 0] / counts.sum()
-    return float(-(p * np.log2(p)).sum())
 
 
 def ssim(a: Image, b: Image) -> float:
@@ -311,3 +308,6 @@ def _finite(angle: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(values).all():
         raise ValueError("expected angles in degrees, got NaN or infinity")
     return values
+
+
+names_when_used(__name__)  # for dir() and wrong names

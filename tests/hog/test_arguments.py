@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,14 @@ from nablahog.hog import HOG, hog, presets
 
 SPEC = presets.paper()
 REFUSED: dict[str, tuple[type[Exception], str, Any]] = {
-    "no image": (TypeError, r"torch tensor \(B, C, H, W\), .*, got list$", [[0.0]]),
+    "no image": (TypeError, r"torch tensor \(B, C, H, W\), .*, got a list: write one call for each", [[0.0]]),
+    "a path": (TypeError, r"got a path: write PIL\.Image\.open\(path\)$", Path("photo.png")),
     "one image": (ValueError, r"got \(3, 8, 8\): write images\[None\]", torch.zeros(3, 8, 8)),
     "a gray plane": (ValueError, r"got \(8, 8\): write images\[None, None\]", torch.zeros(8, 8)),
     "no channel": (ValueError, "at least one channel", torch.zeros(1, 0, 8, 8)),
-    "integers": (TypeError, "got torch.int16$", torch.zeros(1, 1, 8, 8, dtype=torch.int16)),
+    "integers": (TypeError, r"got torch.int16; .* write images / 65535", torch.zeros(1, 1, 8, 8, dtype=torch.int16)),
+    "channels last": (ValueError, r"write images\.permute\(0, 3, 1, 2\)$", torch.zeros(2, 9, 16, 3)),
+    "channels last of one image": (ValueError, r"write images\.permute\(2, 0, 1\)\[None\]$", torch.zeros(9, 16, 3)),
     "complex": (TypeError, "got torch.complex64$", torch.zeros(1, 1, 8, 8, dtype=torch.complex64)),
     "no row": (ValueError, "at least one cell of 8x8 pixels .* 0x8$", torch.zeros(1, 1, 0, 8)),
     "too small": (ValueError, "at least one cell of 8x8 pixels .* 7x8$", torch.zeros(1, 1, 7, 8)),
@@ -34,10 +38,23 @@ def test_hog_refuses(case: str) -> None:
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_what_is_to_be_written_is_right(channels: int) -> None:
+    levels = np.random.default_rng(0).integers(0, 65536, (2, 9, 16, channels), np.uint16)
+    images = torch.from_numpy(levels) / 65535
+    expected = hog(images.permute(0, 3, 1, 2), SPEC)
+    torch.testing.assert_close(torch.from_numpy(hog(levels / 65535, SPEC)).float(), expected)
+    torch.testing.assert_close(hog(images[0].permute(2, 0, 1)[None], SPEC), expected[:1])
+    listed = [hog(each, SPEC) for each in levels / 65535]
+    np.testing.assert_array_equal(listed, hog(np.stack(list(levels)) / 65535, SPEC))
+
+
 def test_other_options_are_refused() -> None:
     images: Any = torch.zeros(1, 1, 8, 8)
     for make in (lambda: hog(images, "Skimage"), lambda: HOG("Skimage")):
-        with pytest.raises(ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'$"):
+        with pytest.raises(
+            ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'; did you mean 'skimage'\?$"
+        ):
             make()
     with pytest.raises(TypeError, match=r"got function$"):
         hog(images, presets.paper)  # type: ignore[call-overload]

@@ -68,6 +68,9 @@ def test_refuses_other_shapes(name: str) -> None:
     for shape in {(*right, 1), right[:-1], (math.prod(right) + 1,), (4, 3, s.channels)} - {right}:
         with pytest.raises(ValueError, match=r"descriptor of an image of .* has the shape"):
             from_layout(torch.zeros(2, *shape), s, size)
+    for one in (lambda: from_layout(torch.zeros(right), s, size), lambda: to_layout(torch.zeros(3, 4, s.channels), s)):
+        with pytest.raises(ValueError, match=r"must have|has the shape \(B, .*: write descriptor\[None\]$"):
+            one()
 
 
 @pytest.mark.parametrize("name", presets.__all__)

@@ -6,7 +6,9 @@ import base64
 import dataclasses
 import io
 import itertools
+import os
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -233,10 +235,28 @@ def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
     np.testing.assert_array_equal(np.asarray(png), (255 * result.image[0, 0]).round().byte().numpy())
 
 
+def test_a_result_is_saved_by_the_ending(tmp_path: Path) -> None:
+    descriptor, few = hog(torch.rand(2, 1, 16, 16), presets.uoctti()), Search(max_evaluations=5)
+    batch, single = (reconstruct(each, "uoctti", search=few) for each in (descriptor, descriptor[0].numpy()))
+    batch.save(tmp_path / "batch.png")
+    single.save(str(tmp_path / "one.tif"))
+    assert sorted(os.listdir(tmp_path)) == ["batch_0.png", "batch_1.png", "one.tif"]
+    for name, image, kind in (("batch_1.png", batch.image[1, 0], "PNG"), ("one.tif", single.image, "TIFF")):
+        stored = PIL.Image.open(tmp_path / name)
+        assert stored.format == kind
+        np.testing.assert_array_equal(np.asarray(stored), (255 * torch.as_tensor(image)).round().byte().numpy())
+    for wrong in ("one", "one.txt"):
+        with pytest.raises(ValueError, match="expected the ending of an image file"):
+            single.save(tmp_path / wrong)
+    assert len(os.listdir(tmp_path)) == 3
+
+
 @pytest.mark.parametrize(
     ("descriptor", "spec", "options", "error", "says"),
     [
         (torch.zeros(16, 16, 31), "uoctti", {}, ValueError, r"\(B, rows, cols, channels\).*got \(16, 16, 31\)"),
+        ("d.npz", "uoctti", {}, TypeError, r"got a path: write nablahog\.load_descriptor\(path\)\.descriptor$"),
+        ([np.zeros((4, 4, 31))], "uoctti", {}, TypeError, "got a list: write one call for each of them, or .*np.stack"),
         (torch.zeros(0, 16, 16, 31), "uoctti", {}, ValueError, "B at least 1"),
         (torch.zeros(1, 4, 4, 9), "uoctti", {}, ValueError, r"\(4, 4, 31\).*got \(4, 4, 9\)"),
         (torch.zeros(1, 4, 4, 31), "uoctti", {"image_size": (64, 64)}, ValueError, r"64x64.*\(8, 8, 31\)"),

@@ -184,7 +184,7 @@ def test_a_box_may_be_given_too() -> None:
     ("mask", "message"),
     [
         (torch.zeros(150, 180, dtype=torch.bool), "must be true where the object is, but it is nowhere"),
-        (torch.ones(150, 180), r"must be bool of the photograph's shape \(150, 180\), got float32"),
+        (torch.ones(150, 180), r"must be bool of the photograph's shape \(150, 180\), got float32 .*: write mask > 0$"),
         (torch.ones(180, 150, dtype=torch.bool), r"got bool of shape \(180, 150\)"),
     ],
 )
@@ -192,6 +192,12 @@ def test_refuses_masks(mask: torch.Tensor, message: str) -> None:
     image, _ = photographed(model(), 40, 15)
     with pytest.raises(ValueError, match=message):
         estimate_pose(image, model(), mask=mask)
+
+
+@pytest.mark.parametrize("mask", ["mask.png", Image.new("L", (30, 20))])
+def test_masks_of_images_are_told_what_to_write(mask: Any) -> None:
+    with pytest.raises(TypeError, match=r"write np\.asarray\(image\.convert\('L'\)\) > 0$"):
+        estimate_pose(torch.rand(1, 20, 30), model(), mask=mask)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -80,12 +81,14 @@ def test_the_seed_decides(cluttered: Scene) -> None:
     assert degrees_between(estimate[0].azimuth, estimate[2].azimuth) < 2
 
 
-def test_one_mesh_or_a_mapping(clean: Scene) -> None:
+def test_one_mesh_or_a_mapping_or_a_list(clean: Scene) -> None:
     image, box = clean
     alone = estimate_pose(image, model(), box=box, initial=(0, 15))
     named = estimate_pose(image, {"my chair": model()}, box=box, initial=(0, 15))
-    assert (alone.model, named.model) == ("", "my chair")
+    listed = estimate_pose(image, [model()], box=box, initial=(0, 15))
+    assert (alone.model, named.model, listed.model) == ("", "my chair", "0")
     assert same(alone, named)
+    assert same(alone, listed)
 
 
 @pytest.mark.parametrize("method", ["best", "exhaustive"])
@@ -165,12 +168,18 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
         ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
         ({"box": (200, 0, 300, 150)}, "must lie in the image of 150x180 pixels"),
-        ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) of floating"),
+        ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) .*: write photograph\[None\]$"),
+        ({"photograph": torch.zeros(150, 180, 3)}, r"write photograph\.permute\(2, 0, 1\)$"),
+        ({"photograph": torch.zeros(1, 3, 150, 180)}, r"write photograph\[0\]$"),
+        ({"photograph": np.zeros((150, 180), np.uint16)}, "write images / 65535"),
+        ({"photograph": "photo.jpg"}, r"got a path: write PIL\.Image\.open\(path\)$"),
+        ({"models": "chair.obj"}, r"got a path: write nablahog\.load_mesh\(path\)$"),
+        ({"models": {"chair": "chair.obj"}}, r"got a path: write nablahog\.load_mesh\(path\)$"),
     ],
 )
 def test_refuses(clean: Scene, changes: dict[str, Any], message: str) -> None:
     options = {"photograph": clean[0], "models": model()} | changes
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         estimate_pose(**options)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import SMALL, STEEP, TURNED, PoseProblem, view_penalty
+from nablahog.pose.result import pose_figures
 from nablahog.pose.similarity import Similarity
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
 from nablahog.render.camera import to_camera, to_screen
@@ -75,6 +77,36 @@ def test_opengls_frame_is_opencvs_turned_about_x(mesh: Mesh) -> None:
     assert_close(one.matrix("opengl"), half_a_turn @ one.matrix("opencv"))
     with pytest.raises(ValueError, match="convention must be 'opencv' or 'opengl'"):
         one.matrix("directx")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [(120, 160), (160, 120)])
+@pytest.mark.parametrize("axis", [None, (75.0, 61.0)])
+def test_blenders_camera_sees_the_model_where_it_is_drawn(
+    mesh: Mesh, axis: tuple[float, float] | None, size: tuple[int, int]
+) -> None:
+    """By the formulas of docs/poses.md: lens · x / -z on the sensor, shifted by parts of its longer side."""
+    one = replace(estimate(mesh, axis), camera=Camera(250.0, *size))
+    imported = torch.from_numpy(TETRAHEDRON[:, [0, 2, 1]] * [1, -1, 1])  # as its importer turns files with y up
+    (height, width), longer, sensor = size, max(size), 36.0
+    (focal, _, x), (_, _, y), _ = one.intrinsics.tolist()
+    turn, place = one.camera_to_world[:3, :3], one.camera_to_world[:3, 3]
+    seen = (imported - place) @ turn  # the inverse of a rigid motion
+    lens, shift = focal * sensor / longer, seen.new_tensor([width / 2 - x, y - height / 2]) / longer
+    plane = lens / sensor * seen[:, :2] / -seen[:, 2:] - shift  # in parts of the longer side, y up
+    pixels = plane * torch.tensor([longer, -longer]) + torch.tensor([width / 2, height / 2])
+    assert bool((seen[:, 2] < 0).all())
+    assert_close(pixels, by_opencv(torch.from_numpy(TETRAHEDRON), one.matrix(), one.intrinsics), rtol=0, atol=1e-9)
+    assert_close(turn @ turn.T, torch.eye(3, dtype=torch.float64))
+    upright = replace(one, theta=0.0, elevation=0.0, principal_point=None).camera_to_world
+    assert_close(upright[:3, 1], upright.new_tensor([0, 0, 1]))  # its y is the world's z
+
+
+def test_an_estimate_is_saved_as_the_command_writes_it(mesh: Mesh, tmp_path: Path) -> None:
+    one = estimate(mesh)
+    one.save(tmp_path / "pose.json")
+    stored = json.loads((tmp_path / "pose.json").read_text())
+    assert stored == pose_figures(one)
+    assert_close(torch.tensor(stored["matrix_world"], dtype=torch.float64), one.camera_to_world)
 
 
 def test_the_intrinsics_are_those_of_the_camera(mesh: Mesh) -> None:

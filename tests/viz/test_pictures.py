@@ -141,6 +141,8 @@ def test_odd_descriptors() -> None:
     assert not glyphs(-torch.ones(2, 2, 9), presets.paper()).any()
     with pytest.raises(ValueError, match=r"\(rows, cols, 9\), got \(2, 2, 31\)"):
         glyphs(torch.zeros(2, 2, 31), presets.paper())
+    with pytest.raises(TypeError, match=r"got a path: write nablahog\.load_descriptor"):
+        glyphs("descriptor.npz", "paper")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="cell_pixels"):
         glyphs(torch.zeros(2, 2, 9), presets.paper(), cell_pixels=0)
 

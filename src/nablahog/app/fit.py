@@ -11,7 +11,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..cli.results.pose_files import pose_figures, warning
 from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.descriptor import describe
@@ -19,6 +18,7 @@ from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
+from ..pose.result import pose_figures, warning
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined

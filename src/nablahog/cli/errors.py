@@ -19,15 +19,6 @@ class UserError(Exception):
     """An error that the user can correct; its message is one sentence."""
 
 
-def did_you_mean(word: str, choices: Iterable[str]) -> str:
-    """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
-    import difflib  # slower than all else that --help loads
-
-    names = {choice.casefold(): choice for choice in choices}
-    near = difflib.get_close_matches(word.casefold(), names, n=1, cutoff=0.65)
-    return f"; did you mean {names[near[0]]!r}?" if near else ""
-
-
 @contextmanager
 def as_user_error(prefix: str = "") -> Iterator[None]:
     """Turns a ValueError in the block into a UserError with a prefix."""

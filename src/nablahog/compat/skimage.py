@@ -16,6 +16,7 @@ from ..hog.gradient import gradient
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
 from ..runtime.extras import extra
+from ..runtime.lazy import names_when_used
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
@@ -265,3 +266,6 @@ def _strokes(
                 pixels.append(stroke.ravel())
                 drawn.append(np.broadcast_to(entries[k][np.ix_(of_rows, of_cols)][..., None], stroke.shape).ravel())
     return np.concatenate(pixels), np.concatenate(drawn)
+
+
+names_when_used(__name__)  # for dir() and wrong names

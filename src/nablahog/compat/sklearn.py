@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from ..hog.descriptor import hog
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
+from ..runtime.lazy import names_when_used
 
 
 class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -90,3 +91,6 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         tags.input_tags.two_d_array = self.image_size is not None
         tags.transformer_tags.preserves_dtype = ["float32", "float64"]
         return tags
+
+
+names_when_used(__name__)  # for dir() and wrong names

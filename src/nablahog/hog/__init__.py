@@ -11,6 +11,7 @@ from .spec import HOGSpec
 if TYPE_CHECKING:
     from .descriptor import HOG, hog
     from .layout import from_layout, to_layout
+    from .loss import HOGLoss
     from .steps import histograms_reference, normalize_reference
     from .streaming import DescriptorStrip, stream
 
@@ -24,6 +25,7 @@ __all__ = [
     "DescriptorStrip",
     "FourBlockNorm",
     "GlobalNorm",
+    "HOGLoss",
     "HOGSpec",
     "from_layout",
     "histograms_reference",
@@ -38,6 +40,7 @@ names_when_used(
     __name__,
     descriptor=("HOG", "hog"),
     layout=("from_layout", "to_layout"),
+    loss=("HOGLoss",),
     steps=("histograms_reference", "normalize_reference"),
     streaming=("DescriptorStrip", "stream"),
 )

@@ -15,10 +15,10 @@ from . import kernels
 from . import triton as gpu
 from .autograd import in_graph
 from .checks import check_choice
-from .inputs import ArrayImage, advise, image_batch, to_array
+from .inputs import WHITE, ArrayImage, advise, image_batch, to_array
 from .layout import to_layout
 from .presets import as_spec
-from .spec import HOGSpec
+from .spec import COLOURS, HOGSpec
 from .steps import histograms_reference, normalize_reference, spread_nan
 
 Backend: TypeAlias = Literal["auto", "torch", "triton"]
@@ -95,8 +95,12 @@ def hog(
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     if not isinstance(images, Tensor):
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
-    if images.dim() != 4 or images.shape[1] < 1:
+    # these channels would be columns, too few for a cell
+    last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
+    if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
         advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}
+        if last:
+            advice = {3: "images.permute(2, 0, 1)[None]", 4: "images.permute(0, 3, 1, 2)"}
         write = f": write {advice[images.dim()]}" if images.dim() in advice else ""
         raise ValueError(
             f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
@@ -105,7 +109,8 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
         images.is_cuda and images.dtype in HALVES
     ):
-        raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}")
+        write = "" if images.is_complex() else WHITE
+        raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{write}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
 

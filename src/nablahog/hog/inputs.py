@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import Parameter
 
+from ..runtime.text import what_came
 from .spec import COLOURS, HOGSpec
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 
 STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
 BEYOND = 1.0  # above white; filters overshoot by less
+WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # of a sentence on dtypes
+ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
 _CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
 
@@ -61,7 +64,8 @@ def descriptor_tensor(name: str, descriptor: object) -> Tensor:
         TypeError: it is no array of real numbers.
     """
     if not isinstance(descriptor, np.ndarray):
-        raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {type(descriptor).__name__}")
+        came = what_came(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
+        raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {came}")
     return _tensor(name, descriptor)
 
 
@@ -102,7 +106,7 @@ def _pixels(name: str, images: object) -> NDArray[Any]:
         return pil_pixels(name, images)
     raise TypeError(
         f"{name} must be a torch tensor (B, C, H, W), a NumPy array (H, W) or (H, W, C), or a PIL image, got "
-        f"{type(images).__name__}"
+        f"{what_came(images, path='PIL.Image.open(path)', items=ITEMS)}"
     )
 
 

@@ -70,7 +70,8 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
         differentiable.
 
     Raises:
-        ValueError: in the layout of tokens, rows or columns are odd; there is no such preset.
+        ValueError: the shape is none of the spec's; in the layout of tokens, rows or columns are odd; there is no such
+            preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 128, 64), spec)
@@ -82,6 +83,11 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
         tensor = descriptor_tensor("the descriptor", descriptor)
         single = tensor.dim() == 3
         return to_array(to_layout(tensor[None] if single else tensor, spec), single)
+    if descriptor.dim() != 4 or descriptor.shape[3] != spec.channels:
+        raise ValueError(
+            f"{spec.named} descriptor must have shape (B, rows, cols, {spec.channels}), got {tuple(descriptor.shape)}"
+            + (": write descriptor[None]" if descriptor.shape[2:] == (spec.channels,) else "")
+        )
     sizes, order, shape = _arrangement(spec, *descriptor.shape[1:3])
     split = descriptor.reshape(len(descriptor), *sizes)
     return split.permute(0, *(1 + axis for axis in order)).reshape(len(descriptor), *shape)
@@ -113,10 +119,12 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         tensor = descriptor_tensor("the descriptor", native)
         single = tuple(tensor.shape) in (expected, (math.prod(expected),))
         return to_array(from_layout(tensor[None] if single else tensor, spec, image_size), single)
-    if tuple(native.shape[1:]) not in (expected, (math.prod(expected),)):
+    shapes = (expected, (math.prod(expected),))
+    if tuple(native.shape[1:]) not in shapes:
         raise ValueError(
             f"{spec.named} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
-            f"shape {expected}, got {tuple(native.shape[1:])}"
+            f"shape (B, {', '.join(map(str, expected))}), got {tuple(native.shape)}"
+            + (": write descriptor[None]" if tuple(native.shape) in shapes else "")
         )
     split = native.reshape(len(native), *(sizes[axis] for axis in order))
     return split.permute(0, *(1 + order.index(axis) for axis in range(len(order)))).reshape(

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ..runtime.text import what_came
 from . import kernels
 from .descriptor import steps
 from .inputs import is_pil, pil_pixels
@@ -113,9 +114,9 @@ class _Reader:
         try:
             shape, dtype = tuple(int(n) for n in image.shape), np.dtype(image.dtype)
         except (AttributeError, TypeError):
+            came = what_came(image, "np.load(path, mmap_mode='r') or PIL.Image.open(path)", "one call for each")
             raise TypeError(
-                f"image must be an array, or have a shape, a dtype of numpy's and rows [start:stop] like one, got "
-                f"{type(image).__name__}"
+                f"image must be an array, or have a shape, dtype of numpy's and rows [start:stop] like one, got {came}"
             ) from None
         self.stored: np.dtype[Any] = dtype.newbyteorder("=")
         if self.stored not in (np.uint8, np.float32, np.float64):

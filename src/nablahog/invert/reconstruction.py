@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import html
 import io
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Generic, TypeAlias
 
 import torch
@@ -70,6 +72,22 @@ class Reconstruction(Generic[Values]):
             f"<Reconstruction image {'x'.join(map(str, self.image.shape))}, distance {', '.join(distances)}{more}, "
             f"{', '.join(dict.fromkeys(map(str, self.stop_reason)))}, {self.seconds:.1f} s>"
         )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the image in the format of the name's ending: PNG, JPEG, TIFF or another of Pillow's, 8 bits.
+
+        Of several images each gets its number: ``"preimage.png"`` becomes ``preimage_0.png``, ``preimage_1.png`` and so
+        on.  Files are replaced whole.
+
+        Raises:
+            ValueError: there is no such format.
+            OSError: a file cannot be written.
+        """
+        from ..io.images import write_image
+
+        path, images = Path(path), self.image.reshape(-1, *self.image.shape[-2:])
+        for number, image in enumerate(images):
+            write_image(path if len(images) == 1 else path.with_stem(f"{path.stem}_{number}"), image)
 
     def _repr_html_(self) -> str:
         """The first images, for notebooks."""

@@ -148,10 +148,19 @@ def to_pil(picture: Picture) -> Image.Image:
 
 
 def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) -> None:
-    """Writes ``picture``, as :func:`to_pil` takes or makes it, as a PNG; ``path`` is replaced whole or not at all."""
+    """Writes ``picture``, as :func:`to_pil` takes or makes it, in the format of the name's ending.
+
+    ``path`` is replaced whole or not at all.
+
+    Raises:
+        ValueError: Pillow writes no images with such an ending.
+    """
+    kind = Image.registered_extensions().get(Path(path).suffix.lower())
+    if kind not in Image.SAVE:
+        raise ValueError(f"{path}: expected the ending of an image file, such as .png, got {Path(path).suffix!r}")
     image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
-        image.save(file, format="PNG")
+        image.save(file, format=kind)
 
 
 def sample_photograph(name: str) -> Tensor:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
+from ..runtime.lazy import names_when_used
 from .dogleg import dogleg
 from .lbfgs import lbfgs
 from .problems import (
@@ -35,3 +36,5 @@ __all__ = [
     "dogleg",
     "lbfgs",
 ]
+
+names_when_used(__name__)  # for dir() and wrong names

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from .background import default_background, learn_background
     from .estimate import estimate_pose
     from .photograph import Elements, elements
-    from .problem import PoseEstimate
+    from .result import PoseEstimate
     from .viewpoint_prior import ViewpointPrior, default_viewpoints
     from .whitening import Background
 
@@ -29,7 +29,7 @@ names_when_used(
     background=("default_background", "learn_background"),
     photograph=("Elements", "elements"),
     estimate=("estimate_pose",),
-    problem=("PoseEstimate",),
+    result=("PoseEstimate",),
     viewpoint_prior=("ViewpointPrior", "default_viewpoints"),
     whitening=("Background",),
 )

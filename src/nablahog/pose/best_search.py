@@ -24,7 +24,8 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .problem import PoseEstimate, PoseProblem
+from .problem import PoseProblem
+from .result import PoseEstimate
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
 from .vote import (

@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..hog.box import Box
+from ..hog.inputs import WHITE
 from ..render import Camera
 from .crop_view import CropView, resampled
 
@@ -150,9 +151,12 @@ def check_photograph(photograph: Tensor) -> None:
     """Raises ValueError unless it is a tensor (1 or 3, H, W), of finite floating point numbers or of uint8."""
     of_numbers = photograph.is_floating_point() or photograph.dtype == torch.uint8
     if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not of_numbers:
+        last = photograph.shape[-1:] in ((1,), (3,))
+        write = {2: "photograph[None]", 3: "photograph.permute(2, 0, 1)" if last else "", 4: "photograph[0]"}
+        advice = f": write {write[photograph.dim()]}" if write.get(photograph.dim()) else ""
         raise ValueError(
             f"the photograph must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
-            f"got {photograph.dtype} of shape {tuple(photograph.shape)}"
+            f"got {photograph.dtype} of shape {tuple(photograph.shape)}{advice if of_numbers else WHITE}"
         )
     if photograph.dtype == torch.uint8:
         return
@@ -178,6 +182,7 @@ def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None)
         raise ValueError(
             f"the mask must be bool of the photograph's shape {tuple(photograph.shape[1:])}, "
             f"got {str(mask.dtype).removeprefix('torch.')} of shape {tuple(mask.shape)}"
+            + (": write mask > 0" if mask.dtype != torch.bool else "")
         )
     if not bool(mask.any()):
         raise ValueError("the mask must be true where the object is, but it is nowhere")

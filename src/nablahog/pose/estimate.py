@@ -20,6 +20,7 @@ from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
+from ..render.mesh import checked_mesh
 from ..render.renderer import Method
 from ..runtime.pytorch import in_plain_mode
 from .ascent import momentum_ascent
@@ -28,7 +29,8 @@ from .crop import check_photograph, crop_object, masked, typical_camera
 from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
-from .problem import ELEVATIONS, PoseEstimate, PoseProblem
+from .problem import ELEVATIONS, PoseProblem
+from .result import PoseEstimate
 from .surroundings import find_boxes
 from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
 from .whitening import Background
@@ -88,7 +90,7 @@ SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
 @in_plain_mode
 def estimate_pose(
     photograph: Tensor | ArrayImage,
-    models: Mesh | Mapping[str, Mesh],
+    models: Mesh | Mapping[str, Mesh] | Sequence[Mesh],
     *,
     box: Sequence[float] | None = None,
     mask: Tensor | NDArray[np.bool_] | None = None,
@@ -112,8 +114,9 @@ def estimate_pose(
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, or uint8, one channel or R, G, B; or an array (H, W) or
             (H, W, C), or a PIL image.
-        models: normalised meshes by name, or one mesh; all are tried, the best is returned.  Without models of your
-            own, ``nablahog.sample_chairs()`` has chairs of all common kinds.
+        models: normalised meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh; all are
+            tried, the best is returned.  Without models of your own, ``nablahog.sample_chairs()`` has chairs of all
+            common kinds.
         box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.
@@ -148,6 +151,7 @@ def estimate_pose(
         photograph of one object hardly tells.
 
     Raises:
+        TypeError: the photograph is no tensor, array or PIL image, or a model is no mesh.
         ValueError: the photograph, the box, the models or an option is none of the above.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
@@ -158,7 +162,10 @@ def estimate_pose(
     >>> 25 < estimate.azimuth < 35
     True
     """
-    meshes = {"": models} if isinstance(models, Mesh) else dict(models)
+    if isinstance(models, list | tuple):
+        models = {str(number): mesh for number, mesh in enumerate(models)}
+    named = models if isinstance(models, Mapping) else {"": models}
+    meshes = {name: checked_mesh(mesh) for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
     _check_option("method", method, SearchMethod)
@@ -174,6 +181,11 @@ def estimate_pose(
     lens = known_lens(photograph, focal, principal_point, image)
     check_photograph(image)
     if mask is not None:
+        if not isinstance(mask, Tensor | np.ndarray):
+            raise TypeError(
+                f"the mask must be a tensor or an array of bool, got {type(mask).__name__}: of an image write "
+                "np.asarray(image.convert('L')) > 0"
+            )
         image, box = masked(image, torch.as_tensor(mask), box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}

@@ -1,5 +1,6 @@
 """The differentiable renderer: a mesh, a pose and a camera to an image (Section 3.2)."""
 
+from ..runtime.lazy import names_when_used
 from .camera import PARAMETERS, Camera, pose, pose_jacobian, pose_vjp
 from .conventions import (
     Pascal3D,
@@ -33,3 +34,5 @@ __all__ = [
     "to_pascal3d",
     "to_pytorch3d",
 ]
+
+names_when_used(__name__)  # for dir() and wrong names

@@ -16,8 +16,9 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
+from ..runtime.text import what_came
 from .mesh_file import read_soup
-from .polygons import Soup
+from .polygons import Soup, distinct
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -114,6 +115,16 @@ class Mesh:
         return Mesh((self.vertices - middle) / diagonal, self.faces, self.brightness, moved)
 
 
+def checked_mesh(mesh: object) -> Mesh:
+    """``mesh``; TypeError with what to write, if it is none."""
+    if isinstance(mesh, Mesh):
+        return mesh
+    came = what_came(mesh, path="nablahog.load_mesh(path)", items="one call for each mesh")
+    if hasattr(mesh, "export"):
+        came += " of trimesh: write mesh.export('mesh.ply') and nablahog.load_mesh('mesh.ply', up='z'), or 'y'"
+    raise TypeError(f"expected a nablahog.Mesh, got {came}")
+
+
 def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> None:
     if array.shape != shape or array.dtype != dtype:
         expected = f"{str(dtype).removeprefix('torch.')} of shape {shape}"
@@ -194,19 +205,6 @@ def _tidied(mesh: Mesh) -> Mesh:
     used, flat = np.unique(faces, return_inverse=True)
     corners, faces = torch.from_numpy(vertices[first[used]]), flat.reshape(-1, 3)
     return Mesh(corners, torch.from_numpy(faces), torch.from_numpy(brightness[first[used]]), mesh.from_original)
-
-
-def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
-    """Indices of the first of each distinct row, in any order, and for each row which of these it equals.
-
-    As ``np.unique(rows, axis=0)``, in half the time.
-    """
-    order = np.lexsort(rows.T)
-    new = np.ones(len(rows), dtype=bool)
-    new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    which = np.empty(len(rows), dtype=np.int64)
-    which[order] = np.cumsum(new) - 1
-    return order[new], which
 
 
 def axes(up: str, front: str | None = None) -> Integers:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from .. import native
 from .camera import Camera, check_poses, to_camera, to_screen
-from .mesh import Mesh
+from .mesh import Mesh, checked_mesh
 
 NEAR = 1e-3
 """Depth of the near plane, as a share of the camera's distance from the object."""
@@ -194,7 +194,7 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
     check_poses(poses)
     poses = poses.double()
     with torch.no_grad():
-        points = to_camera(mesh.vertices, poses)
+        points = to_camera(checked_mesh(mesh).vertices, poses)
         cut = (points[..., 2] <= NEAR * poses[:, 2:3]).any(1)
         groups, order = together(cut)
         parts = [_depth_and_normals(mesh, points[group], poses[group], camera) for group in groups]

@@ -15,7 +15,7 @@ from torch.autograd.function import once_differentiable
 from .. import native
 from ..runtime.pytorch import share_out
 from .camera import Camera, check_poses, pose_jacobian, pose_vjp
-from .mesh import Mesh
+from .mesh import Mesh, checked_mesh
 from .pipeline import render_torch
 from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
 
@@ -62,7 +62,7 @@ class Renderer:
         edges: those of the mesh.
 
     Raises:
-        ValueError: ``method`` or ``supersampling`` is none of the above.
+        TypeError, ValueError: ``mesh``, ``method`` or ``supersampling`` is none of the above.
 
     >>> import torch
     >>> from nablahog.render import Camera, Mesh, Renderer, pose
@@ -91,7 +91,7 @@ class Renderer:
             raise ValueError(f"method must be 'edges' or 'opendr', got {method!r}")
         if not isinstance(supersampling, int | np.integer) or not 1 <= supersampling <= 16:
             raise ValueError(f"supersampling must be an integer from 1 to 16, got {supersampling!r}")
-        self.mesh, self.camera, self.light = mesh, camera, light
+        self.mesh, self.camera, self.light = checked_mesh(mesh), camera, light
         self.method, self.supersampling = method, supersampling
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)
@@ -295,6 +295,6 @@ def silhouette(mesh: Mesh, poses: Tensor, camera: Camera, *, supersampling: int 
     >>> coverage.shape, float(coverage.max())
     (torch.Size([1, 1, 64, 64]), 1.0)
     """
-    white = Mesh(mesh.vertices, mesh.faces, torch.ones_like(mesh.brightness))
+    white = Mesh(checked_mesh(mesh).vertices, mesh.faces, torch.ones_like(mesh.brightness))
     everywhere = Light(ambient=1.0, diffuse=0.0)
     return render(white, poses, camera, background=0.0, light=everywhere, supersampling=supersampling)

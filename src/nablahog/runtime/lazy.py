@@ -9,6 +9,8 @@ from importlib.util import find_spec
 from types import FunctionType, ModuleType
 from typing import Any
 
+from .text import did_you_mean
+
 
 class _Package(ModuleType):
     """A package with a table of the modules that define its names (PEP 562), for :func:`names_when_used`."""
@@ -23,9 +25,15 @@ class _Package(ModuleType):
             self._let_pass(name)
             return value
         # a module of the package needs no import of its own
-        if not name.startswith("_") and find_spec(f"{self.__name__}.{name}") is not None:
+        if (
+            not name.startswith("_")
+            and "__path__" in self.__dict__
+            and find_spec(f"{self.__name__}.{name}") is not None
+        ):
             return import_module(f"{self.__name__}.{name}")
-        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}", name=name, obj=self)
+        likely = "" if name[:1] == "_" else did_you_mean(name, (each for each in dir(self) if each[0] != "_"))
+        # without obj, or Python would add a suggestion of its own
+        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}{likely}", name=name)
 
     def __setattr__(self, name: str, value: Any) -> None:
         # Python sets each module as an attribute of its package once it is loaded, but `nablahog.hog` and
@@ -47,7 +55,12 @@ class _Package(ModuleType):
                     setattr(value, below, module)
 
     def __dir__(self) -> list[str]:
-        public = self.__dict__.get("__all__", self.__dict__["_homes"])
+        names = {
+            name
+            for name, value in self.__dict__.items()
+            if isinstance(value, FunctionType | type) and value.__module__ == self.__name__ and name[0] != "_"
+        }
+        public = self.__dict__.get("__all__", names)
         return sorted({*public, *(name for name in super().__dir__() if name.startswith("__"))})
 
 
@@ -57,6 +70,9 @@ def names_when_used(package: str, **modules: Iterable[str]) -> None:
     Where a name is also that of a module of the package, the name wins, in whatever order things are imported:
     ``nablahog.hog`` is the function, and the package is reached by ``from nablahog.hog import …``.  The function
     has the modules of the package that are loaded, so that ``import nablahog.hog.kernels as kernels`` works, too.
+
+    ``dir()`` shows the names of ``__all__`` alone, or else the functions and classes that are defined there, and the
+    error for a wrong name has the nearest of them.  A module without such names is passed for that.
     """
     this = sys.modules[package]
     this.__dict__["_homes"] = {name: module for module, names in modules.items() for name in names}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import codecs
+import os
+from collections.abc import Iterable
 
 MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
 ELLIPSIS = " … "
@@ -45,6 +47,23 @@ def guarded(text: str) -> str:
 def unguarded(text: str) -> str:
     """The text that :func:`guarded` made this of."""
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
+
+
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
+    """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
+    import difflib  # slower than all else that --help loads
+
+    names = {choice.casefold(): choice for choice in choices}
+    near = difflib.get_close_matches(word.casefold(), names, n=1, cutoff=0.65)
+    return f"; did you mean {names[near[0]]!r}?" if near else ""
+
+
+def what_came(value: object, path: str, items: str) -> str:
+    """The end of a sentence that refuses ``value``: its type, or what to write for a path, or the items of a list."""
+    kind = type(value).__name__
+    if isinstance(value, str | os.PathLike):
+        return f"a path: write {path}"
+    return f"a {kind}: write {items}" if isinstance(value, list | tuple) else kind
 
 
 def one_line(message: object, most: int = MOST_CHARACTERS) -> str:

@@ -13,6 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ..hog import HOGSpec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
+from ..hog.inputs import descriptor_tensor
 from ..hog.orientation import bin_angles
 from ..hog.presets import as_spec
 from ..io.images import Picture, as_array, to_pil
@@ -39,7 +40,8 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     Raises:
         ValueError: the shape is none of the spec's.
     """
-    values = torch.as_tensor(descriptor).detach().cpu()
+    values = descriptor if isinstance(descriptor, torch.Tensor) else descriptor_tensor("the descriptor", descriptor)
+    values = values.detach().cpu()
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}")
     channels = mean_over_colours(values.permute(2, 0, 1).contiguous().unsqueeze(0), spec)

@@ -8,8 +8,7 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn
 
-from ...runtime.text import one_line
-from ..errors import did_you_mean
+from ...runtime.text import did_you_mean, one_line
 from .presets import DEFAULT_PRESET, PRESETS
 
 SIZE = 256  # pixels of the longer side: the pre-image of such a photograph takes seconds

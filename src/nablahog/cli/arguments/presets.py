@@ -14,7 +14,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ...hog import HOGSpec, presets
-from ..errors import did_you_mean
+from ...runtime.text import did_you_mean
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
 DEFAULT_PRESET = "uoctti"

@@ -22,12 +22,13 @@ from ...paper.models import Models, read_models
 from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens, SearchMethod
+from ...pose.result import pose_figures
 from ...render import Mesh, load_mesh, sample_chairs
 from ...render.mesh import Y_UP, axes
 from ...runtime.cache import code_key
 from ...runtime.text import unicode_of
 from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
-from ..results.pose_files import PosedObject, names, pose_figures, rows, write
+from ..results.pose_files import PosedObject, names, rows, write
 from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page
 

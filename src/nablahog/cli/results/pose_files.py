@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from ...io.files import write_text
 from ...jobs.store import JobResult
 from ...paper.lists import ListedObject
-from ...pose import PoseEstimate
-from ...render import PARAMETERS
 from ...runtime.text import guarded
 from ...viz import html
 from ...viz.pictures import Panel
@@ -45,6 +43,8 @@ DEFINITIONS = {
     "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
     "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. Where the focal length "
     "is assumed, the principal point is that of a camera that looks straight at the object.",
+    "matrix_world": "From the camera's frame (OpenGL's: y up, it looks along -z) to a world with z up, in which the "
+    "model is as Blender imports its file: Blender's matrix_world of the camera.",
     "similarity": "calibrated: the score of the rendering's linear discriminant on the window of the photograph, in "
     "standard deviations over arbitrary photographs; patches: the sum over the photograph's visual elements of the dot "
     "products of the ∇HOG descriptors of their patches with those of the rendering, as in the paper.",
@@ -55,48 +55,6 @@ DEFINITIONS = {
     "seconds": "Wall time of the search; the first in a process takes longer, while code is loaded.",
 }
 """What the figures mean."""
-
-LEAST = 5.0
-"""A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
-below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
-
-
-def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
-    """All figures, ready for JSON."""
-    return {
-        "image_size": [estimate.camera.height, estimate.camera.width],
-        "box": list(estimate.box),
-        "model": estimate.model,
-        **_parameters(estimate),
-        "distance_in_file_units": estimate.distance_in_file_units,
-        "focal_length": estimate.camera.focal,
-        "focal_length_from": estimate.focal_from,
-        "principal_point": estimate.principal_point,
-        "intrinsics": estimate.intrinsics.tolist(),
-        "matrix": estimate.matrix().tolist(),
-        "any_azimuth": estimate.any_azimuth,
-        "equivalent_azimuths": list(estimate.equivalent_azimuths),
-        "similarity": estimate.similarity,
-        "similarity_kind": estimate.similarity_kind,
-        "confidence": estimate.confidence,
-        "warning": warning(estimate),
-        "runners_up": [{"model": one.model, **_parameters(one), "share": one.share} for one in estimate.runners_up],
-        "renderings": estimate.renderings,
-    }
-
-
-def _parameters(estimate: PoseEstimate) -> dict[str, float]:
-    return dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True))
-
-
-def warning(estimate: PoseEstimate) -> str | None:
-    """A sentence if the similarity is no larger than in photographs of something else."""
-    if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
-        return None
-    return (
-        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs of "
-        "something else: this pose may mean nothing"
-    )
 
 
 @dataclass(frozen=True, eq=False)

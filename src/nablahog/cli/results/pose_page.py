@@ -17,13 +17,14 @@ from ...pose.crop import FILL, SIDE, ObjectCrop, crop_object
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
+from ...pose.result import warning
 from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
 from ...render.renderer import Method
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
-from .pose_files import DEFINITIONS, warning
+from .pose_files import DEFINITIONS
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # a photograph there

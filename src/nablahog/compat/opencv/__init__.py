@@ -29,6 +29,10 @@ HOGDescriptor_getDaimlerPeopleDetector = HOGDescriptor.getDaimlerPeopleDetector
 HOGDescriptor_getDefaultPeopleDetector = HOGDescriptor.getDefaultPeopleDetector
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

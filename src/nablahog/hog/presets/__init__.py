@@ -1,5 +1,7 @@
 """The dialects by name: each is one HOGSpec with its source."""
 
+from ...runtime.lazy import names_when_used
+from ...runtime.text import did_you_mean
 from ..checks import shortened
 from ..spec import HOGSpec
 from .dalal import dalal_triggs, maskfeat, opencv, paper, skimage
@@ -37,5 +39,10 @@ def as_spec(spec: HOGSpec | str) -> HOGSpec:
     if not isinstance(spec, str):
         raise TypeError(f"spec must be a HOGSpec or the name of a preset, got {type(spec).__name__}")
     if spec not in BY_NAME:
-        raise ValueError(f"spec must be a HOGSpec or one of {', '.join(BY_NAME)}, got {shortened(spec)}")
+        raise ValueError(
+            f"spec must be a HOGSpec or one of {', '.join(BY_NAME)}, got {shortened(spec)}{did_you_mean(spec, BY_NAME)}"
+        )
     return BY_NAME[spec]
+
+
+names_when_used(__name__)  # for dir() and wrong names

@@ -1,0 +1,234 @@
+"""What a search for a pose answers, and its figures."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..hog.box import Box
+from ..io.files import write_text
+from ..render import PARAMETERS, Camera, Mesh
+from ..render.conventions import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
+from .model import VIEW_COUNT
+from .options import FocalSource, SearchTrace, SimilarityKind
+
+_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
+LEAST = 5.0
+"""A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
+below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseEstimate:
+    """A pose of an object in a photograph, and the model that it is for.
+
+    Attributes:
+        azimuth: degrees in 0…360 that the camera is turned about the object's vertical axis: 0 sees the front, 90 the
+            object's left.
+        elevation: degrees that the camera is above the object.
+        distance: from the camera to the object's origin, units of the mesh: diagonals of a normalised one's box.
+        theta: degrees that the picture is turned counter-clockwise.
+        x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
+        camera: that these are meant for; it sees the whole photograph, and looks straight at the object.
+        model: the name of the best model; "" for a single mesh.
+        similarity: of its rendering to the photograph; of a runner-up that of the coarse descriptor, if the search came
+            no closer.
+        similarity_kind: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in standard
+            deviations over photographs of anything, one of patches has no unit.
+        crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
+        box: of the object, pixels: the one given, or the one where it was found.
+        confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.vote`; None for similarities
+            other than ``"calibrated"`` and methods other than ``"best"``.
+        equivalent_azimuths: others from which the model looks the same, degrees; see :attr:`any_azimuth`.
+        runners_up: the best poses from other sides, the best first.
+        share: of a runner-up, its part of the best pose's similarity; among several models, of the votes for the best
+            one's side.  1 for the best pose itself.
+        renderings: compared with the photograph, cached views included.
+        traces: of the searches from all starts; empty for ``"exhaustive"``.
+        focal_from: where the focal length is from: ``"given"``, ``"exif"``, or ``"assumed"``; then the distance is no
+            true one.
+        principal_point: x, y where the optical axis meets the photograph, pixels; None where the focal length is
+            assumed.
+        from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
+
+    >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
+    >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
+    >>> box = (28, 12, 95, 125)  # x0, y0, x1, y1
+
+    >>> estimate = nablahog.estimate_pose(photograph, mesh, box=box, initial=(0, 20), method="exhaustive")
+    >>> nablahog.render(mesh, estimate.pose, estimate.camera).shape
+    torch.Size([1, 1, 128, 128])
+    >>> estimate.matrix("opengl").shape, estimate.intrinsics.shape
+    (torch.Size([4, 4]), torch.Size([3, 3]))
+    """
+
+    azimuth: float
+    elevation: float
+    distance: float
+    theta: float
+    x: float
+    y: float
+    camera: Camera
+    model: str
+    similarity: float
+    similarity_kind: SimilarityKind
+    crop_pose: Tensor
+    renderings: int
+    box: Box
+    traces: tuple[SearchTrace, ...] = ()
+    confidence: float | None = None
+    equivalent_azimuths: tuple[float, ...] = ()
+    runners_up: tuple[PoseEstimate, ...] = ()
+    share: float = 1.0
+    focal_from: FocalSource = "assumed"
+    principal_point: tuple[float, float] | None = None
+    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
+
+    def __repr__(self) -> str:
+        """Pose and figures, not the camera or the search."""
+        model = f", model {self.model}" if self.model else ""
+        sure = "" if self.confidence is None else f", confidence {self.confidence:.2f}"
+        azimuth = "any" if self.any_azimuth else f"{self.azimuth:.1f}°"
+        return (
+            f"<PoseEstimate azimuth {azimuth}, elevation {self.elevation:.1f}°, theta {self.theta:.1f}°, "
+            f"distance {self.distance:.2f}, x {self.x:.1f}, y {self.y:.1f}{model}, "
+            f"{self.similarity_kind} similarity {self.similarity:.3g}{sure}, {self.renderings} renderings>"
+        )
+
+    @property
+    def any_azimuth(self) -> bool:
+        """Whether the model looks the same from all around, as a bottle does: no photograph tells its azimuth."""
+        return len(self.equivalent_azimuths) >= VIEW_COUNT - _NEIGHBOURS
+
+    @property
+    def pose(self) -> Tensor:
+        """(1, 6), float64, angles in degrees: what :func:`nablahog.render.render` takes together with ``camera``."""
+        values = (self.azimuth, self.elevation, self.distance, self.theta, self.x, self.y)
+        return torch.tensor([values], dtype=torch.float64)
+
+    @property
+    def distance_in_file_units(self) -> float:
+        """From the camera to the middle of the model's bounding box, in the units of its file."""
+        return self.distance * self._unit
+
+    @property
+    def intrinsics(self) -> Tensor:
+        """(3, 3), float64, pixels: the camera's matrix, which projects what :meth:`matrix` maps to its frame.
+
+        Its principal point is that of the photograph's camera; where that is unknown, the one of a camera that looks
+        straight at the object, x and y from the photograph's middle.
+        """
+        place = self.principal_point or self._place
+        focal = self.camera.focal
+        return torch.tensor([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1]], dtype=torch.float64)
+
+    def matrix(self, convention: MatrixConvention = "opencv") -> Tensor:
+        """The rigid motion (4, 4), float64, from the mesh as it is in its file to the camera's frame, in its units.
+
+        With OpenCV's convention, a point X of the file is seen at :attr:`intrinsics` · (R X + t), divided by its last
+        coordinate.
+
+        Args:
+            convention: of the camera's frame: ``"opencv"``, x right, y down and z forward, or ``"opengl"``, y up and z
+                backward.
+
+        Raises:
+            ValueError: ``convention`` is neither.
+        """
+        unit = torch.tensor([self._unit] * 3 + [1], dtype=torch.float64)[:, None]
+        return in_convention(unit * (self._motion @ self.from_original), convention)
+
+    @property
+    def camera_to_world(self) -> Tensor:
+        """(4, 4), float64: Blender's ``matrix_world`` of the camera, with the model where Blender's importers put it.
+
+        From the camera's frame, which is OpenGL's (y up, it looks along -z), to a world with z up and the front at -y,
+        in the units and with the origin of the model's file.
+        """
+        world = torch.eye(4, dtype=torch.float64)
+        world[:3, :3] = self._unit * self.from_original[:3, :3]
+        return world.matmul(self.matrix("opengl").inverse())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes all figures as JSON, with the names of an annotation of ``nablahog pose``; replaces the file whole.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        write_text(path, json.dumps(pose_figures(self), indent=1, allow_nan=False) + "\n")
+
+    def render_arguments(self, mesh: Mesh) -> tuple[Mesh, Tensor, Camera]:
+        """What :func:`nablahog.render` takes to draw the model exactly over the photograph: mesh, pose (1, 6), camera.
+
+        Where the focal length is assumed these are the mesh itself, :attr:`pose` and :attr:`camera`.  A known camera
+        sees an object beside its optical axis a little stretched, as it is in the photograph.
+
+        Args:
+            mesh: the model, normalised.
+        """
+        if self.principal_point is None:
+            return mesh, self.pose, self.camera
+        return moved_before(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
+
+    @property
+    def _unit(self) -> float:  # of the mesh, in those of its file
+        return 1 / float(self.from_original[:3, 0].norm())
+
+    @property
+    def _place(self) -> tuple[float, float]:
+        """x, y of the object's origin in the photograph, pixels."""
+        return self.camera.width / 2 + self.x, self.camera.height / 2 + self.y
+
+    @property
+    def _motion(self) -> Tensor:
+        """(4, 4): from the normalised mesh to the frame of the camera."""
+        motion = pose_matrix(self.pose[0])
+        if self.principal_point is not None:
+            x, y = (at - axis for at, axis in zip(self._place, self.principal_point, strict=True))
+            ray = torch.tensor([x / self.camera.focal, y / self.camera.focal, 1.0], dtype=torch.float64)
+            motion[:3] = turn_to(ray).T @ motion[:3]
+        return motion
+
+
+def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
+    """All figures, ready for JSON."""
+    return {
+        "image_size": [estimate.camera.height, estimate.camera.width],
+        "box": list(estimate.box),
+        "model": estimate.model,
+        **_parameters(estimate),
+        "distance_in_file_units": estimate.distance_in_file_units,
+        "focal_length": estimate.camera.focal,
+        "focal_length_from": estimate.focal_from,
+        "principal_point": estimate.principal_point,
+        "intrinsics": estimate.intrinsics.tolist(),
+        "matrix": estimate.matrix().tolist(),
+        "matrix_world": estimate.camera_to_world.tolist(),
+        "any_azimuth": estimate.any_azimuth,
+        "equivalent_azimuths": list(estimate.equivalent_azimuths),
+        "similarity": estimate.similarity,
+        "similarity_kind": estimate.similarity_kind,
+        "confidence": estimate.confidence,
+        "warning": warning(estimate),
+        "runners_up": [{"model": one.model, **_parameters(one), "share": one.share} for one in estimate.runners_up],
+        "renderings": estimate.renderings,
+    }
+
+
+def _parameters(estimate: PoseEstimate) -> dict[str, float]:
+    return dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True))
+
+
+def warning(estimate: PoseEstimate) -> str | None:
+    """A sentence if the similarity is no larger than in photographs of something else."""
+    if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
+        return None
+    return (
+        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs of "
+        "something else: this pose may mean nothing"
+    )
