@@ -13,8 +13,10 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import BlockNorm, FourBlockNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
+from nablahog.hog.normalizers.four_block import Outside, Texture
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
+from nablahog.invert.block_levels import histograms_without_clip
 from nablahog.invert.histograms import (
     at_contrast,
     cells_in_bins,
@@ -101,6 +103,36 @@ def test_the_printed_normaliser_is_inverted_exactly_and_others_up_to_contrast() 
         result, true = recover_histograms(hog(image, spec), spec), histograms(image, spec)
         true = true / true.sum()
         assert (result / result.sum() - true).norm() < left * true.norm()
+
+
+@pytest.mark.parametrize(("texture", "outside"), [("vlfeat", "repeat"), ("vlfeat", "missing"), ("dpm", "drop")])
+def test_without_the_clip_texture_gives_histograms_in_closed_form(texture: Texture, outside: Outside) -> None:
+    whole = FourBlockNorm(epsilon=1e-12, clip=1.0, texture=texture, outside=outside)
+    spec = dataclasses.replace(presets.uoctti(8), normalizer=whole)
+    images = torch.cat([photograph(128, name) for name in ("camera", "coffee")]).double()
+    found, true = histograms_without_clip(hog(images, spec), spec), histograms(images, spec)
+    assert found is not None
+    if outside == "drop":
+        true = true[..., 1:-1, 1:-1]
+    for one, other in zip(found, true, strict=True):  # each up to a factor of its own
+        large = other > 1e-2 * other.amax(dim=0)
+        assert (one[large].log() - other[large].log()).std() < 1e-3
+    alone = histograms_without_clip(hog(images[1:], spec), spec)
+    torch.testing.assert_close(alone, found[1:])
+
+
+def test_levels_converge_far_from_each_other() -> None:
+    """64 x 64 cells: the sky's level and the ground's are many cells apart."""
+    image, spec = photograph(256, "rocket"), presets.uoctti(4)
+    result, true = (h.sum(dim=1) for h in (recover_histograms(hog(image, spec), spec), histograms(image, spec)))
+    apart = (result.log() - true.log())[true > 0.01 * true.mean()]
+    assert apart.std() < 0.1
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5])
+def test_flat_images_have_finite_histograms(level: float) -> None:
+    spec = presets.uoctti(8)
+    assert torch.isfinite(recover_histograms(hog(torch.full((1, 1, 32, 32), level), spec), spec)).all()
 
 
 def test_undirected_channels_are_unsigned_bins() -> None:

@@ -15,7 +15,7 @@ from torch.testing import assert_close
 
 from nablahog import LearnedPrior, presets, train_prior
 from nablahog.hog import HOGSpec
-from nablahog.invert import prior_network, training_windows
+from nablahog.invert import histograms, training_windows
 from nablahog.invert.prior_network import Architecture, ResidualBlock
 from nablahog.invert.provenance import digest_of_weights
 from nablahog.invert.training import default_precision, learning_rates
@@ -48,7 +48,7 @@ class Interruption:
 def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Four small photographs, two to a step, whose histograms are found in a hurry."""
     monkeypatch.setattr(training_windows, "BATCH", 2)
-    monkeypatch.setattr(prior_network, "HISTOGRAM_EVALUATIONS", 5)
+    monkeypatch.setattr(histograms, "AFTER_CLOSED_FORM", 5)
     names = ("camera", "coins", "clock", "brick")
     return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
 

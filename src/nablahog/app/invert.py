@@ -124,8 +124,10 @@ class _Watch:
         self, request: InvertRequest, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
     ) -> None:
         self.reference, self.send, self.cancel = reference, send, cancel
-        effort, samples = quality_of(request.quality), spec.signed and request.method == "no-prior"
-        self.most = None if request.method == "paper" else effort.evaluations if samples else effort.without_samples
+        effort = quality_of(request.quality)
+        signed = {"prior": effort.with_prior, "no-prior": effort.evaluations}
+        by_method = signed if spec.signed else dict.fromkeys(signed, effort.without_samples)
+        self.most = by_method.get(request.method)  # none of the paper's
         self._sent = -math.inf
 
     def __call__(self, iterate: Iterate) -> None:

@@ -93,17 +93,21 @@ def check_images(
 
 
 class Quality(NamedTuple):
-    """The budget of a search: evaluations of the operator, with several samples or without; how many samples."""
+    """The budget of a search: evaluations of the operator, with several samples, without, or with a signed prior.
+
+    ``samples`` is how many.
+    """
 
     evaluations: int
     without_samples: int
+    with_prior: int
     samples: int
     on_histograms: int  # evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel
 
 
 QUALITIES: dict[QualityName, Quality] = {
-    "best": Quality(evaluations=660, without_samples=480, samples=4, on_histograms=200),
-    "fast": Quality(evaluations=80, without_samples=80, samples=2, on_histograms=60),
+    "best": Quality(evaluations=660, without_samples=480, with_prior=200, samples=4, on_histograms=200),
+    "fast": Quality(evaluations=80, without_samples=80, with_prior=80, samples=2, on_histograms=60),
 }
 
 
@@ -119,7 +123,7 @@ class Search:
     Attributes:
         minimiser: ``"lbfgs"`` or ``"dogleg"`` (the paper's).
         max_evaluations: operator evaluations per image, at least 2; by default those of the quality: 660 where several
-            samples are drawn, else 480; or 80.
+            samples are drawn, 200 with a prior for signed descriptors, else 480; or 80.
         samples: images whose mean is the expected image, at least 1; by default those of the quality, 4 or 2.  They are
             drawn for signed descriptors, or where a start is given; fewer if each would get less than 28 evaluations.
             A single one is only a start: nothing is expected.

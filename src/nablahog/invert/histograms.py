@@ -26,11 +26,13 @@ from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import pooling_matrices, split_colours
 from ..optimize import lbfgs
+from .block_levels import histograms_without_clip
 from .reconstruction import squared_norm
 from .signs import expected_cells
 from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
+AFTER_CLOSED_FORM = 60  # evaluations, which suffice where the search begins near the end
 FLOOR = 1e-3  # of the largest entry: where a sparse histogram's logarithm starts from
 
 
@@ -103,7 +105,7 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
 
     Neighbourhoods couple the levels of cells step by step.  So the logarithm of each cell's level has unknowns of its
     own, in a cosine basis, beside those of the entries: distant levels then converge together.  Copies of the same cell
-    share their unknowns.
+    share their unknowns.  The search begins at :mod:`.block_levels` and is soon at its end, or else at the entries.
     """
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
@@ -112,7 +114,12 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     shares = alignment(shares)
     rows, cols = shares.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
-    start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
+    begun = histograms_without_clip(descriptor, spec)
+    if begun is not None:
+        max_evaluations = min(max_evaluations, AFTER_CLOSED_FORM)
+        start = torch.log(alignment(of_nearest_cells(begun, spec, size)).clamp(min=tiny))
+    else:
+        start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     scale = squared_norm(target)
     _, normalize = steps(target.device, spec)

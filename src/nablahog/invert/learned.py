@@ -97,7 +97,9 @@ class LearnedPrior(LearnedModel):
             raise ValueError(f"the {self.NOUN} was learned for {own} descriptors, {spec.named} descriptor is {other}")
 
     @torch.no_grad()
-    def expected(self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int]) -> Tensor:
+    def expected(
+        self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int], votes: Tensor | None = None
+    ) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
         The mean of the predictions for the image and for its mirror image.  If the dialect describes roots of images,
@@ -107,6 +109,7 @@ class LearnedPrior(LearnedModel):
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
             spec: its dialect, or the name of a preset with its defaults; signed if the prior's is, else unsigned.
             image_size: (height, width).
+            votes: what :func:`.histograms.recover_histograms` recovers of it, if that is there already.
 
         Raises:
             TypeError: the descriptor is no float32 or float64 tensor.
@@ -114,7 +117,8 @@ class LearnedPrior(LearnedModel):
         """
         spec = as_spec(spec)
         network = self._network_for(descriptor, spec, image_size)
-        images, votes = network.predict(descriptor.float(), spec, image_size)
+        given = None if votes is None else votes.float()
+        images, votes = network.predict(descriptor.float(), spec, image_size, given)
         return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
 
     @torch.no_grad()
@@ -138,13 +142,16 @@ class LearnedPrior(LearnedModel):
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
     @torch.no_grad()
-    def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
+    def polarity_confidence(
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, votes: Tensor | None = None
+    ) -> Tensor:
         """The probability that images with unsigned descriptors are no negatives.
 
         Args:
             images: (B, 1, H, W), of any contrast.
             descriptor: (B, rows, cols, channels), theirs, float32 or float64.
             spec: its dialect, or the name of a preset with its defaults.
+            votes: as for :meth:`expected`.
 
         Returns:
             (B,) in 0…1; an image and its negative sum to 1.  1 for signed descriptors, which determine the polarity.
@@ -156,7 +163,8 @@ class LearnedPrior(LearnedModel):
         network = self._network_for(descriptor, spec, (images.shape[2], images.shape[3]))
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
-        return network.polarity_confidence(images.float(), descriptor.float(), spec).to(descriptor.dtype)
+        given = None if votes is None else votes.float()
+        return network.polarity_confidence(images.float(), descriptor.float(), spec, given).to(descriptor.dtype)
 
     def _network_for(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> PriorNetwork:
         """The network on the descriptor's device, after checking descriptor, dialect and image size."""

@@ -90,7 +90,7 @@ def reconstruct(
             also (rows, cols, channels).
         spec: the dialect that made it, or the name of a preset with its defaults.
         image_size: (height, width) in pixels; by default whole cells, rows · cell height and cols · cell width.
-        quality: ``"best"``; or ``"fast"``, with an eighth of the evaluations and a coarser image.
+        quality: ``"best"``; or ``"fast"``, with fewer evaluations, 80, and a coarser image.
         method: ``"default"``; or ``"paper"``, the paper's own search, whose options an ``invert.AsPublished`` sets.
         seed: of the initial noise, which is the same for every image of the batch.
         start: (B, 1, H, W) in 0…1, initial images, of any contrast; by default the integral of the mean gradients.
@@ -145,16 +145,19 @@ def reconstruct(
         return of_the_kind(result, descriptor)
     expected = check_images("expected", expected, targets, size, spec)
     learned = as_priors(prior, spec, by_default=expected is None and search.samples is None)
+    evaluations = quality_of(quality).on_histograms
+    votes = recover_histograms(targets, searchable(spec), size, max_evaluations=evaluations)
     if learned is not None:
         if expected is not None:
             raise ValueError("expected images and a prior contradict each other: give one of them")
-        expected = learned.own.expected(targets, spec, size)
+        expected = learned.own.expected(targets, spec, size, votes)
         if watch is not None:
             watch(at_start(expected, targets, spec))
     result = search_preimages(
         targets,
         spec,
         size,
+        votes=votes,
         quality=quality,
         seed=seed,
         start=start,
@@ -173,6 +176,7 @@ def search_preimages(
     dialect: HOGSpec,
     size: tuple[int, int],
     *,
+    votes: Tensor | None = None,
     quality: QualityName = "best",
     seed: int,
     start: Tensor | None = None,
@@ -186,6 +190,7 @@ def search_preimages(
 ) -> Reconstruction:
     """The search of :func:`reconstruct`, for valid arguments.
 
+    ``votes`` are the histograms that :func:`.histograms.recover_histograms` has recovered, if they are there already.
     ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` gives the details and the
     confidence in the polarity; its expected image is passed as ``expected``.  With ``fix_polarity``, of the image for
     an unsigned descriptor and its negative the likelier one is returned.
@@ -193,6 +198,8 @@ def search_preimages(
     spec = searchable(dialect)
     draws = expected is None and (spec.signed or start is not None)
     plan = _plan(spec, quality, seed, search, objective, draws, learned)
+    if votes is None:
+        votes = recover_histograms(targets, spec, size, max_evaluations=quality_of(quality).on_histograms)
     vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and targets.device.type != "cpu")
     of_one = plan.samples * vectors * size[0] * size[1] * targets.element_size()
     at_once = max(1, memory_for(targets.device, MEMORY, SHARE) // of_one)
@@ -203,9 +210,11 @@ def search_preimages(
         made = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
         searches.append(made)
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
-        images.append(_preimages(made, own_start, own_expected, plan))
+        images.append(_preimages(made, votes[part], own_start, own_expected, plan))
     image = to_unit_range(torch.cat(images), spec)
-    confidence = None if learned is None or spec.signed else learned.own.polarity_confidence(image, targets, dialect)
+    confidence = None
+    if learned is not None and not spec.signed:
+        confidence = learned.own.polarity_confidence(image, targets, dialect, votes)
     if fix_polarity and not spec.signed:
         negative, confidence = negatives(image, confidence)
         image = negated(image, negative)
@@ -220,7 +229,6 @@ class _Plan(NamedTuple):
     seed: int
     max_evaluations: int
     samples: int
-    on_histograms: int
     closeness: float
     closeness_to_details: float
     priors: tuple[Prior, ...]
@@ -238,7 +246,8 @@ def _plan(
 ) -> _Plan:
     effort = quality_of(quality)
     samples = (search.samples or effort.samples) if draws else 1
-    most = search.max_evaluations or (effort.evaluations if samples > 1 else effort.without_samples)
+    alone = effort.with_prior if learned is not None and spec.signed else effort.without_samples
+    most = search.max_evaluations or (effort.evaluations if samples > 1 else alone)
     of_signed = CLOSENESS if learned is None else BY_PRIOR
     closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
     if objective.closeness is not None:
@@ -247,13 +256,14 @@ def _plan(
     gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
     details = None if learned is None else learned.details
-    return _Plan(seed, most, samples, effort.on_histograms, closeness, to_details, priors, details)
+    return _Plan(seed, most, samples, closeness, to_details, priors, details)
 
 
-def _preimages(search: PreimageSearch, start: Tensor | None, expected: Tensor | None, plan: _Plan) -> Tensor:
-    """Images (B, 1, H, W) that have the descriptors, of any contrast."""
+def _preimages(
+    search: PreimageSearch, votes: Tensor, start: Tensor | None, expected: Tensor | None, plan: _Plan
+) -> Tensor:
+    """Images (B, 1, H, W) that have the descriptors, of any contrast, from the histograms ``votes``."""
     spec, details = search.spec, plan.details
-    votes = recover_histograms(search.descriptor, spec, search.size, max_evaluations=plan.on_histograms)
     if expected is None and start is None and not spec.signed:
         expected = starting_images(votes, spec, *search.size, 1, plan.seed)[:, 0]
     if expected is None:

@@ -30,7 +30,6 @@ from .histograms import (
 )
 
 MOMENTUM = 0.02  # of the running means and variances of channels
-HISTOGRAM_EVALUATIONS = 60  # of the normaliser, to recover histograms; enough for a network, the search uses more
 
 CELL = 8  # pixels of a cell in the network's images, along each axis
 FINER = 2  # pixels of these for one at the network's last resolution
@@ -95,15 +94,25 @@ class PriorNetwork(nn.Module, ABC):
         """The network's histograms of the images flipped from left to right."""
 
     @classmethod
-    def recovered(cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins."""
+    def recovered(
+        cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins.
+
+        ``votes``: the former, if they are there already.
+        """
         spec = searchable(spec)
-        votes = recover_histograms(descriptor, spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
+        votes = recover_histograms(descriptor, spec, size) if votes is None else votes
         return votes, cls.cell_votes(votes, spec, size)
 
     @abstractmethod
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """Images (B, 1, H, W) of any contrast, and the histograms recovered from the descriptors, in float32."""
+    def predict(
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Images (B, 1, H, W) of any contrast, and the histograms recovered from the descriptors, in float32.
+
+        ``votes``: the histograms, if they are there already.
+        """
 
 
 class ResidualBlock(nn.Module):
@@ -178,9 +187,11 @@ class SignedNetwork(PriorNetwork):
         """θ becomes π - θ."""
         return votes[:, [(BINS // 2 - k) % BINS for k in range(BINS)]].flip(3)
 
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    def predict(
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image."""
-        votes, cells = self.recovered(descriptor, spec, size)
+        votes, cells = self.recovered(descriptor, spec, size, votes)
         images = (self._image(cells) + self._image(self.mirrored(cells)).flip(3)) / 2
         return _resized(images, spec.cell_size, size), votes
 

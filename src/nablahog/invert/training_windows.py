@@ -16,7 +16,7 @@ from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
-from .prior_network import HISTOGRAM_EVALUATIONS, SignedNetwork, network_inputs
+from .prior_network import SignedNetwork, network_inputs
 from .unsigned_network import FINER, UnsignedNetwork, normalised
 
 BATCH = 32
@@ -186,10 +186,7 @@ class UnsignedTraining(WindowTraining):
     def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
         """By their histograms or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
-        if spec in LOSSY:
-            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)
-        else:
-            votes = histograms(windows, spec)
+        votes = recover_histograms(hog(windows, spec), spec, size) if spec in LOSSY else histograms(windows, spec)
         return UnsignedNetwork.cell_votes(votes, spec, size)
 
     def _batch(self, votes: Tensor, windows: Tensor) -> _UnsignedBatch:

@@ -164,9 +164,11 @@ class UnsignedNetwork(PriorNetwork):
         """10° becomes 170°."""
         return votes.flip(1, 3)
 
-    def predict(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    def predict(
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
-        votes, inputs = self.recovered(descriptor, spec, size)
+        votes, inputs = self.recovered(descriptor, spec, size, votes)
         regions = self.regions_of(inputs)
         images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
@@ -191,9 +193,11 @@ class UnsignedNetwork(PriorNetwork):
             kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
         return torch.where(kept, regions, -regions)
 
-    def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
+    def polarity_confidence(
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec, votes: Tensor | None = None
+    ) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
-        _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]))
+        _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]), votes)
         coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
         small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
         return torch.sigmoid(self.log_odds(inputs, self.regions_of(inputs), small))
