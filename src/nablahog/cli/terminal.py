@@ -91,13 +91,13 @@ def inform(text: str) -> None:
 
 def say_page(page: Path) -> None:
     """Points to a page, which has the pictures and says what the figures mean."""
-    say(f"Look at {page}, which also says what the figures mean")
+    say(f"Results: {page}")
 
 
 def say_ignored(ignored: Sequence[str]) -> None:
     """Names the files of a folder that are no images, if any."""
     if ignored:
-        say(f"Passed over, as no images by their endings: {', '.join(ignored)}")
+        say(f"Skipped, because their names do not end like those of images: {', '.join(ignored)}")
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:

@@ -41,7 +41,7 @@ def _gray_weights(channels: int) -> tuple[float, ...]:
 
 
 def channel_weights(spec: HOGSpec, channels: int) -> tuple[bool, tuple[float, ...]]:
-    """Whether so many channels are averaged (Eq. 1), not compared by magnitude, and their weights."""
+    """Whether the channels are averaged (Eq. 1) instead of compared by magnitude, and their weights."""
     if spec.colour != "gray" or channels == 1:
         return False, (1.0,) * channels
     return True, _gray_weights(channels)

@@ -56,7 +56,7 @@ class Pooling(ABC):
         return Spacing(cell, 1)
 
     def cells(self, pixels: int, cell: int, axis: int, partial: PartialCells) -> int:
-        """How many cells there are along an axis of so many pixels."""
+        """The number of cells along an axis of ``pixels`` pixels."""
         if partial == "floor":
             return pixels // cell
         return (pixels + cell // 2) // cell if partial == "round" else -(-pixels // cell)

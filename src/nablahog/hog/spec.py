@@ -199,7 +199,7 @@ class HOGSpec:
         return rows, cols
 
     def image_size(self, rows: int, cols: int) -> tuple[int, int]:
-        """(height, width) of the image of whole cells whose descriptor has so many rows and columns."""
+        """(height, width) of the image of whole cells whose descriptor has these rows and columns."""
         cells = (self.normalizer.footprint(axis).cells(count) for axis, count in enumerate((rows, cols)))
         height, width = (
             self.pooling.first_pixel(count - 1, cell, axis) + cell
@@ -208,7 +208,7 @@ class HOGSpec:
         return height, width
 
     def check_channels(self, channels: int) -> None:
-        """Raises ValueError if images of so many channels have no descriptor."""
+        """Raises ValueError if images with this number of channels have no descriptor."""
         if self.colour == "separate" and channels not in (1, COLOURS):
             raise ValueError(f"{self.named} descriptor is of images of 1 or {COLOURS} channels, got {channels}")
 

@@ -18,7 +18,7 @@ class Learning:
     Attributes:
         images: the names of the photographs, sorted.
         sha256: :func:`digest_of_images` of them.
-        seed: of everything random.
+        seed: of all random numbers.
     """
 
     images: tuple[str, ...]

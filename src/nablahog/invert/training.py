@@ -76,7 +76,7 @@ def train_prior(
         spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
         epochs: passes over the images, with one window of each; by default as many as give 90,000 windows in all, or
             300,000 for unsigned descriptors.
-        seed: of everything random.
+        seed: of all random numbers.
         architecture: of the network; by default with 2.2 million weights for signed descriptors, 5.3 million for
             unsigned ones.
         start: a prior for such descriptors, whose weights are trained further; by default random weights.

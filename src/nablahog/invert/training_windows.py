@@ -21,7 +21,7 @@ from .unsigned_network import FINER, UnsignedNetwork, normalised
 
 BATCH = 32
 CELL = 8  # pixels of the cells of a window
-HELD_OUT = 25  # one image of so many is not trained with
+HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
 FEWEST = 8  # images held out, to calibrate the confidence
 

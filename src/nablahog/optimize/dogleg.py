@@ -65,7 +65,7 @@ class DoglegRules:
         return descent.abs().amax(1) <= self.gradient_tolerance
 
     def too_dear(self, spent: Tensor, halves: int | Tensor) -> Tensor:
-        """Whether so many more half evaluations than were ``spent`` (A,) are beyond the budget, (A,)."""
+        """Whether further half evaluations, after those ``spent`` (A,), exceed the budget, (A,)."""
         return spent + halves > 2 * self.max_evaluations
 
     def short(self, length: Tensor, x: Tensor) -> Tensor:

@@ -92,7 +92,7 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
         objects = [ListedObject(k, unicode_of(photo.name), box, arguments.init) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.init is not None or arguments.mask is not None:
-        raise ValueError("--annotations says which boxes and initial poses: expected no --box, --init or --mask")
+        raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
     objects = read_objects(arguments.annotations)
     return objects, [photo / local_name(one.image) for one in objects]
@@ -102,7 +102,7 @@ def _models(arguments: Namespace) -> Models:
     """The models in the folder or file ``arguments.mesh``, not read yet; none for those of the package."""
     if arguments.mesh is None:
         if arguments.up or arguments.front:
-            raise ValueError("--up and --front say how the files of --mesh lie; the chairs of nablahog need neither")
+            raise ValueError("--up and --front go with --mesh; the chairs of nablahog need neither")
         return Models({}, [])
     if arguments.up is not None:
         axes(arguments.up, arguments.front)
@@ -123,7 +123,10 @@ def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:
         model, reason = next(iter(models.failed.items()))
         first = "no model can be read; the first: " if len(models.paths) > 1 else ""
         raise ValueError(f"{first}{models.paths[model]}: {reason}")
-    for model, reason in (*models.failed.items(), *((other, "no model by its ending") for other in models.ignored)):
+    for model, reason in (
+        *models.failed.items(),
+        *((other, "its name does not end like that of a model") for other in models.ignored),
+    ):
         inform(f"nablahog pose: skipped: {model}: {reason}")
     return readable
 
@@ -137,8 +140,8 @@ def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> i
     refused = sum(one.refused for one in posed)
     if refused:
         inform(
-            f"nablahog pose: refused: {refused} of {len(posed)} have their azimuth within 15 degrees of the true one "
-            f"with a probability below {least_confidence:g}: the object may not be there, or be unlike the model"
+            f"nablahog pose: refused: {refused} of {len(posed)}, with a confidence below {least_confidence:g}: the "
+            "object may be missing, or unlike the model"
         )
     if not all(one.figures for one in posed):
         return SOME_SKIPPED

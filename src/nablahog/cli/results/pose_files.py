@@ -94,8 +94,8 @@ def warning(estimate: PoseEstimate) -> str | None:
     if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
         return None
     return (
-        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs of "
-        "something else: this pose may mean nothing"
+        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, no higher than in photographs without the "
+        "object: do not trust this pose"
     )
 
 

@@ -26,15 +26,15 @@ class Footprint(NamedTuple):
     margin: int = 0
 
     def count(self, cells: int) -> int:
-        """Entries of so many cells; below 1 if there is none."""
+        """The number of entries along ``cells`` cells; below 1 if there is none."""
         return (cells - 2 * self.margin - self.extent) // self.step + 1
 
     def cells(self, count: int) -> int:
-        """The fewest cells with so many entries."""
+        """The least number of cells that makes a given number of entries."""
         return (count - 1) * self.step + self.extent + 2 * self.margin
 
     def covers(self, cells: int) -> list[bool]:
-        """Of so many cells, whether each is in an entry."""
+        """For each of a number of cells, whether it is in an entry."""
         end = self.margin + self.count(cells) * self.step - self.step + self.extent
         return [self.margin <= cell < end and (cell - self.margin) % self.step < self.extent for cell in range(cells)]
 
@@ -70,7 +70,7 @@ class Normalizer(ABC):
         check_fields(self)
 
     def check(self, bins: int, signed: bool) -> None:  # noqa: B027
-        """Raises ValueError unless it goes with so many orientation bins, signed or not."""
+        """Raises ValueError unless it fits this number of orientation bins, signed or not."""
 
     @abstractmethod
     def channels(self, bins: int, signed: bool) -> int:

@@ -149,7 +149,7 @@ def _reach(matrix: npt.NDArray[Any]) -> int:
 
 
 def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int]] | None:
-    """Of bands of at most so many pixels, the first pixel and the one after the last; None if they would be longer."""
+    """First pixel, and the one after the last, of bands of limited length; None if they would be longer."""
     first, last = _extents(matrix.T)
     bands = [[0, 0] for _ in range(len(matrix) + reach - 1)]
     band = 0

@@ -74,7 +74,7 @@ def _plan(images: Tensor, spec: HOGSpec) -> Plan:
 
 
 class Work(NamedTuple):
-    """How cells are shared out: a program has some strips, each of so many rows and columns of cells."""
+    """How cells are divided among programs: some strips each, and the rows and columns of cells in a strip."""
 
     chunks: int  # of columns of cells
     of_chunk: int  # columns of cells
