@@ -190,7 +190,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     (tmp_path / "empty" / "b.ply").write_text("hello")
     check("no model can be read; the first: ", mesh=tmp_path / "empty")
     refused("pose", folder, "--mesh", f"{folder}/wooden.off", *to, message="expected an image file, got a folder")
-    refused("pose", photograph, "--up", "y", *to, message="--up and --front say how the files of --mesh lie")
+    refused("pose", photograph, "--up", "y", *to, message="--up and --front")
 
 
 def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         action="append",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
-        help="a rough box around the object, in pixels; may be repeated (default: the whole photograph is searched)",
+        help="a rough box around each object, in pixels; repeatable (default: search everywhere)",
     )
     options.file(command, "--mask", "FILE", "an image, white where the object is, black elsewhere")
     options.file(
@@ -96,14 +96,14 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--init",
         type=_view,
         metavar="az,el",
-        help="azimuth and elevation to begin at, in degrees, such as --init=-30,10",
+        help="initial azimuth and elevation, such as --init=-30,10",
     )
     command.add_argument(
         "--within",
         type=_degrees,
         default=180.0,
         metavar="DEGREES",
-        help="how far the azimuth may be from --init; for --method best (default: 180)",
+        help="most that the azimuth may differ from --init (default: 180)",
     )
     command.add_argument(
         "--focal",
@@ -115,7 +115,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--principal-point",
         type=numbers("x,y"),
         metavar="x,y",
-        help="where the optical axis meets the photograph, in pixels (default: the middle)",
+        help="where the optical axis is, in pixels (default: the middle)",
     )
     options.choice(command, "--method", get_args(SearchMethod), f"how to search: {', '.join(get_args(SearchMethod))}")
     command.add_argument(
