@@ -47,7 +47,7 @@ class PoseEstimate:
         model: the name of the best model; "" for a single mesh.
         similarity: of the rendering to the photograph; for a runner-up maybe that of the coarse descriptor.
         similarity_kind: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in standard
-            deviations over photographs of anything, one of patches has no unit.
+            deviations over arbitrary photographs, one of patches has no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         box: of the object, pixels: the one given, or the one where it was found.
         confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.vote`; None for similarities
