@@ -19,7 +19,8 @@ import nablahog
 # A detector from one window
 # --------------------------
 # The detector is made here, so that no file is needed: the descriptor of one window of a small photograph, less the
-# mean of all windows. ``HOGDescriptor`` has the names and results of OpenCV's class. With OpenCV, set its people detector instead:
+# mean of all windows. ``HOGDescriptor`` has the names and results of OpenCV's class. With OpenCV, set its people
+# detector instead:
 # ``descriptor.setSVMDetector(descriptor.getDefaultPeopleDetector())``.
 
 photograph = data.astronaut()

@@ -42,7 +42,8 @@ print("the order of SlowFast's labels:", torch.equal(labels, tokens))
 # %%
 # Tokens as pictures
 # ------------------
-# ``from_layout`` folds tokens, also those of a network, into (rows, cols, channels), for ``glyphs`` and ``reconstruct``.
+# ``from_layout`` folds tokens, also those of a network, into (rows, cols, channels), for ``glyphs`` and
+# ``reconstruct``.
 
 folded = nablahog.from_layout(tokens, spec, (224, 224))
 result = nablahog.reconstruct(folded, spec, (224, 224), prior="default", quality="fast", seed=0)

@@ -33,7 +33,7 @@ def be_quiet(quiet: bool) -> None:
 
 
 class Counter(Protocol):
-    """To be called with the number of items done, their total, and the item at work."""
+    """Called with the number of items done, their total, and the current item."""
 
     def __call__(self, done: int, total: int, what: str) -> None: ...
 

@@ -36,7 +36,7 @@ BORDERS: dict[Border, BorderRule] = {
 
 
 def _gray_weights(channels: int) -> tuple[float, ...]:
-    """Of Eq. 1: three are R, G, B, any other number is averaged."""
+    """Weights of Eq. 1: three channels are R, G, B; any other number is averaged."""
     return GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
 
 

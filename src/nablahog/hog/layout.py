@@ -125,7 +125,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
 
 
 def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
-    """What each channel of a descriptor is, for readers, in the order of channels.
+    """Names of the channels of a descriptor, for readers, in the order of channels.
 
     Orientations are directions of gradients in degrees, from +x towards +y, down.
 

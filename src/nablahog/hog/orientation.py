@@ -78,7 +78,7 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
 
 
 def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By the angle of Eq. 2."""
+    """Shares by the angle of Eq. 2."""
     position = _position(gx, gy, spec)
     nearest = position.detach().round()
     return _shares(nearest, position - nearest, spec)
@@ -110,7 +110,7 @@ def opencv_angle(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By OpenCV's arctangent, with the derivative of the exact angle."""
+    """Shares by OpenCV's arctangent, with the derivative of the exact angle."""
     theirs = opencv_angle(gx.detach(), gy.detach(), spec)
     nearest = theirs.round()
     r = _position(gx, gy, spec) - nearest
@@ -150,7 +150,7 @@ def vlfeat_weights(gx: Tensor, gy: Tensor, candidates: Tensor, spec: HOGSpec) ->
 
 
 def _vlfeat_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By VLFeat's arccosine, with the derivative of the exact angle."""
+    """Shares by VLFeat's arccosine, with the derivative of the exact angle."""
     bins, weights = _exact_shares(gx, gy, spec)
     return bins, weights + (vlfeat_weights(gx.detach(), gy.detach(), bins, spec) - weights).detach()
 
@@ -243,7 +243,7 @@ def vote_rule(spec: HOGSpec) -> VoteRule:
 
 
 def vote_directions(spec: HOGSpec) -> npt.NDArray[np.float64]:
-    """What the dialect's rule of votes compares gradients with, (2 or 3, directions): cosines and sines.
+    """Directions that the dialect's rule of votes compares gradients with, (2 or 3, directions): cosines and sines.
 
     Directions of bins, or where bins begin, and then whether in the first half turn; nothing where votes are by angle.
     """

@@ -62,7 +62,7 @@ class Pooling(ABC):
         return (pixels + cell // 2) // cell if partial == "round" else -(-pixels // cell)
 
     def smallest(self, cell_size: tuple[int, int]) -> tuple[str, tuple[int, int]]:
-        """What the smallest image must hold, in a word, and its (height, width)."""
+        """A word for what the smallest image must hold, and its (height, width)."""
         return "cell", cell_size
 
     @abstractmethod
@@ -87,7 +87,7 @@ class Pooling(ABC):
         return 1
 
     def first_pixel(self, index: int, cell: int, axis: int) -> int:
-        """Of a cell along an axis."""
+        """The first pixel of a cell along an axis."""
         step, cells = self.spacing(cell, axis)
         return index // cells * step + index % cells * cell
 
@@ -244,7 +244,7 @@ class BlockCells(Pooling):
         return "block", self.block
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        """Of each block in turn its cells, by rows."""
+        """Weights of the cells of each block in turn, by rows."""
         import torch
 
         block, step = self.block[axis], self.step[axis]

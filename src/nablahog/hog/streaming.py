@@ -37,7 +37,7 @@ class Rows(Protocol):
 
     @property
     def dtype(self) -> Any:
-        """What numpy takes for a dtype."""
+        """Anything that NumPy takes for a dtype."""
 
     def __getitem__(self, rows: slice, /) -> Any:
         """Some rows, with a step of 1: what numpy takes for an array."""
@@ -179,7 +179,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 
 
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
-    """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
+    """Factors by which the normaliser multiplies the histograms of an image, (colours · bins, 1, 1) in float64.
 
     Energies are rounded as in the native loops: ``native/per_cell_norm.h``.
     """
@@ -209,5 +209,5 @@ class _Energy:
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
-        """Of all that came."""
+        """The sum of everything so far."""
         return self._total if self._rest is None else kernels.add_energy(self._rest, self._total)

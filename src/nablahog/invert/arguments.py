@@ -147,7 +147,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is added to the relative distance of the descriptors, Eq. 8-9.
+    """Terms added to the relative distance of the descriptors, Eq. 8-9.
 
     Attributes:
         smoothness: ξ of Eq. 9, on the scale of the distance, see :func:`.priors.smoothness`.

@@ -184,7 +184,7 @@ class UnsignedTraining(WindowTraining):
         return _turned(windows, rng)
 
     def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
-        """By their histograms or, for lossy dialects, their descriptors."""
+        """Votes from the histograms of windows or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
         if spec in LOSSY:
             votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=HISTOGRAM_EVALUATIONS)

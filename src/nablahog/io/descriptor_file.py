@@ -95,7 +95,7 @@ def save_descriptor(
     ``format`` (1).  It is replaced whole or not at all.
 
     Args:
-        path: of the file, with any ending.
+        path: the file, with any ending.
         descriptor: (rows, cols, channels), a tensor or an array, float32 or float64, finite; of a tensor its values.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) in pixels.
@@ -120,7 +120,7 @@ def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
     """The descriptor that :func:`save_descriptor` wrote.  Never unpickles, so nothing in the file is ever run.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
         The descriptor (rows, cols, channels) on the CPU, with its spec and the size of its image.

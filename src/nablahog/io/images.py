@@ -189,7 +189,7 @@ def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
     smaller; if its proportions are not the camera's, it was cropped, and nothing is known of it.
 
     Args:
-        path: of any format that Pillow reads.
+        path: a file of any format that Pillow reads.
 
     >>> import tempfile
     >>> from pathlib import Path

@@ -143,7 +143,7 @@ def array(*dtypes: type[np.generic]) -> Any:
 
 
 def _address(values: np.ndarray[Any, Any]) -> int:
-    """Of the first element."""
+    """The address of the first element."""
     if values.size and values.flags.writeable:
         buffer: Any = values  # a quarter of the time of the line below
         return ctypes.addressof(ctypes.c_char.from_buffer(buffer))

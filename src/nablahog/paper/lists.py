@@ -35,7 +35,7 @@ class Row:
     decimal: str = "."
 
     def error(self, column: str, message: str) -> ValueError:
-        """What to raise about the value of a column."""
+        """The error to raise about the value of a column."""
         return ValueError(f"{self.where}, column {column}: {message}")
 
     def text(self, column: str) -> str:

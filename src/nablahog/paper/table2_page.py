@@ -80,7 +80,7 @@ def terminal_conditions(table: Table2) -> list[dict[str, object]]:
 
 
 def _under(condition: str, line: Line, shown: Callable[[Statistics], object]) -> dict[str, object]:
-    """What the terminal and the page show of a method under a condition; ``shown`` makes the cell of an accuracy."""
+    """Figures of a method under a condition for the terminal and the page; ``shown`` makes the cell of an accuracy."""
     return {
         "condition": condition,
         "method": line.method,

@@ -202,7 +202,7 @@ def estimate_pose(
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
-    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W)."""
+    """What is known about the camera of a photograph, both as passed and as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
             raise ValueError("principal_point needs a known focal length: expected focal")

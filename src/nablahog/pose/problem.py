@@ -152,7 +152,7 @@ class PoseEstimate:
         return in_convention(unit * (self._motion @ self.from_original), convention)
 
     def render_arguments(self, mesh: Mesh) -> tuple[Mesh, Tensor, Camera]:
-        """What :func:`nablahog.render` takes to draw the model exactly over the photograph: mesh, pose (1, 6), camera.
+        """Arguments for :func:`nablahog.render` to draw the model over the photograph: mesh, pose (1, 6), camera.
 
         Where the focal length is assumed these are the mesh itself, :attr:`pose` and :attr:`camera`.  A known camera
         sees an object beside its optical axis a little stretched, as it is in the photograph.
@@ -221,7 +221,7 @@ class PoseProblem:
         return torch.cat([self.initial[0] + off[:, None], poses[:, 1:]], dim=1)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
-        """What is subtracted from the similarities of poses (N, 6) for a crop in comparisons, (N,).
+        """Penalties for the similarities of poses (N, 6) for a crop in comparisons, (N,).
 
         Few photographs are from high above, tilted, or of something small.  A pose or box that is given says more.
         """
@@ -289,7 +289,7 @@ class PoseProblem:
 
 
 def view_penalty(elevations: Tensor, tilts: Tensor) -> Tensor:
-    """What is subtracted from the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
+    """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
     low, high = USUAL
     return STEEP * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0)) + TURNED * tilts.abs()
 

@@ -50,8 +50,8 @@ class Renderer:
 
     Args:
         mesh: on the device where to render.
-        camera: of all images.
-        light: of the scene.
+        camera: the camera of all images.
+        light: the light of the scene.
         method: how edges are drawn and differentiated.  ``"edges"``: anti-aliased, with the exact derivative of the
             covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.pipeline`.
         supersampling: samples of a pixel along a side, 1 to 16.  The default is the least with accurate derivatives

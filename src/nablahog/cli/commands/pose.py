@@ -83,7 +83,7 @@ def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobR
 
 
 def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
-    """What is known of the objects, and their photographs."""
+    """Returns what is known of the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
@@ -173,7 +173,7 @@ class PoseOptions:
 
     @classmethod
     def of(cls, arguments: Namespace, models: Mapping[str, Path]) -> PoseOptions:
-        """By the options of the command of the same names."""
+        """Reads the options of the command with the same names."""
         options = {each.name: getattr(arguments, each.name) for each in fields(cls) if each.name != "models"}
         return cls(tuple((name, path.absolute()) for name, path in models.items()), **options)
 
@@ -189,7 +189,7 @@ class ObjectJob:
 
     @property
     def name(self) -> str:
-        """That of its folder of stored results."""
+        """The name of its folder of stored results."""
         return "poses"
 
     def files(self) -> list[Path]:
@@ -242,7 +242,7 @@ class ObjectJob:
 
 
 def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:
-    """What the options and the photograph's file say of its camera."""
+    """What the options and the photograph's file say about its camera."""
     if isinstance(focal, float):
         return Lens(focal, principal_point, "given")
     pixels = None if focal == "unknown" else read_exif_focal(photo)

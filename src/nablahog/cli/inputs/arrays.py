@@ -34,7 +34,7 @@ class ArrayOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> ArrayOptions:
-        """By the options ``--image-size`` and ``--key``."""
+        """Reads the options ``--image-size`` and ``--key``."""
         return cls(arguments.image_size, arguments.key)
 
     def check_unused(self) -> None:
@@ -121,7 +121,7 @@ class FittingPreset:
         return f"--preset {self.dialect.name}{settings}{size}"
 
     def error(self, array: NDArray[np.floating]) -> float:
-        """Of the dialect's normaliser, relative to the descriptor; infinite where that is too large."""
+        """Relative error of the dialect's normaliser; infinite if the descriptor is too large to check."""
         from ...invert.histograms import normalization_error
 
         of_array = stored(array, self.dialect.spec(), self.how)

@@ -49,7 +49,7 @@ class PriorOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> PriorOptions:
-        """By the option ``--prior``."""
+        """Reads the option ``--prior``."""
         if arguments.prior in (None, NO_PRIOR):
             return cls(None, arguments.prior is None)
         with as_user_error():
@@ -88,7 +88,7 @@ class InversionOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> InversionOptions:
-        """By the options of the command of the same names."""
+        """Reads the options of the command with the same names."""
         return cls(**{each.name: getattr(arguments, each.name) for each in fields(cls)})
 
 

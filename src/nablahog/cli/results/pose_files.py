@@ -115,7 +115,7 @@ class PosedObject:
 
     @classmethod
     def of(cls, listed: ListedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
-        """That of an object and the result of its :class:`.pose.ObjectJob`."""
+        """Combines an object with the result of its :class:`.pose.ObjectJob`."""
         if isinstance(result, str):
             return cls(listed, failure=result)
         figures = dict(result.figures[0])

@@ -66,7 +66,7 @@ class Constants(ctypes.Structure):
 
 
 class Scheme(NamedTuple):
-    """What describes windows of one dialect.
+    """Describes the windows of one dialect.
 
     Attributes:
         spec: the dialect.
@@ -91,7 +91,7 @@ class Scheme(NamedTuple):
 
 
 def scheme(window: Size, spec: HOGSpec) -> Scheme:
-    """Of windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
+    """The scheme for windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
     assert isinstance(spec.pooling, BlockCells)
     assert isinstance(spec.normalizer, BlockNorm)
     (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer

@@ -90,7 +90,7 @@ class Normalizer(ABC):
 
     @abstractmethod
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """What each channel of one colour is, for readers.
+        """Names of the channels of one colour, for readers.
 
         Args:
             bins: what each bin is.
@@ -99,7 +99,7 @@ class Normalizer(ABC):
 
     @abstractmethod
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
-        """What a descriptor has of each cell's histogram: (B, channels, rows, cols) to (B, bins, rows, cols) of cells.
+        """Entries that belong to each cell's histogram: (B, channels, rows, cols) to (B, bins, rows, cols) of cells.
 
         Cells that are in no entry are not there.
         """
@@ -161,5 +161,5 @@ def root(values: Tensor) -> Tensor:
 
 
 def clipped(entries: Tensor, clip: float) -> Tensor:
-    """At most ``clip``; where equal, with the mean of the one-sided derivatives, which ``clamp`` has not."""
+    """Clips at ``clip``, with the mean of the one-sided derivatives there, unlike ``clamp``."""
     return entries.minimum(entries.new_full((), clip))  # a number that is made on the device

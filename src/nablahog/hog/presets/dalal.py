@@ -122,7 +122,7 @@ def skimage(
     channel_axis: int | None = None,
     value_range: float = 255.0,
 ) -> HOGSpec:
-    """What ``skimage.feature.hog`` returns (``feature/_hog.py``), with the names of its parameters.
+    """The descriptor that ``skimage.feature.hog`` returns (``feature/_hog.py``), with the names of its parameters.
 
     Args:
         orientations: bins over 180°.
@@ -171,7 +171,7 @@ def opencv(
     gamma: bool = True,
     signed: bool = False,
 ) -> HOGSpec:
-    """What ``cv2.HOGDescriptor.compute`` returns of one window (``hog.cpp``).  Sizes are (width, height), as there.
+    """The descriptor of ``cv2.HOGDescriptor.compute`` for a window (``hog.cpp``).  Sizes are (width, height), as there.
 
     An image is one window, of any size that holds a block.  Channels are in the order of the array; it decides which
     of two of equal gradient counts.
@@ -233,7 +233,7 @@ def maskfeat(
     gaussian_window: int = 16,
     layout: Literal["colour-planes", "tokens"] = "colour-planes",
 ) -> HOGSpec:
-    """What MaskFeat's ``HOGLayerC`` returns (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
+    """The descriptor of MaskFeat's ``HOGLayerC`` (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
 
     Args:
         cell_size: ``pool``, pixels of a cell.

@@ -157,7 +157,7 @@ class _Grid:
         return total
 
     def _changes(self, p: np.int64, others: Words) -> Array:
-        """By how much the cost changes if the word at ``p`` changes places with that at each of ``others``."""
+        """Changes of the cost if the word at ``p`` is swapped with that at each of ``others``."""
         word, words = self._placed[p], self._placed[others]
         changes: Array = self._costs[p, words] - self._costs[p, word]
         changes += self._costs[others, word] - self._costs[others, words]
