@@ -66,7 +66,7 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
         spec: the dialect, or the name of a preset with its defaults.
 
     Returns:
-        Of the kind and dtype of ``descriptor``, in the shape above; entries are moved, not changed, so that it is
+        The descriptor in the shape above, of the same kind and dtype.  Entries are moved, not changed, so the result is
         differentiable.
 
     Raises:
@@ -99,7 +99,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         (B, rows, cols, channels), of the kind and dtype of ``native``; differentiable.
 
     Raises:
-        ValueError: the shape is none of the spec's for images of that size; there is no such preset.
+        ValueError: the spec has no descriptor of that shape for images of that size; there is no such preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> vector = np.zeros(3780, np.float32)  # as of cv2.HOGDescriptor().compute

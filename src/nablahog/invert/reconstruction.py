@@ -37,7 +37,7 @@ class Reconstruction(Generic[Values]):
         distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
         stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
         history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
-            that has ended repeats its last.
+            that has ended repeats its last value.
         evaluations: (B,), operator evaluations spent on each image, one value with its gradient; a product of the
             Jacobian or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.

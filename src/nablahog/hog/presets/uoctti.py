@@ -107,7 +107,7 @@ def vlfeat(
 ) -> HOGSpec:
     """The descriptor that VLFeat's ``vl_hog`` returns (``vl/hog.c``), in (channels, rows, cols).
 
-    For images in rows, as in C and in cyvlfeat with ``transposed=False``; MATLAB's has its axes exchanged.
+    For images in rows, as in C and in cyvlfeat with ``transposed=False``; MATLAB's has the axes exchanged.
 
     Args:
         variant: ``"uoctti"``, 3n + 4 channels; ``"dalaltriggs"``, 4n: the folded histogram, clipped, for each of the
