@@ -21,8 +21,8 @@ from ..viz.html import figure
 
 SHORT = 16  # characters of a name that is not broken in a table
 LONGEST = 1000  # characters of a line: lists of file names may be any length
-EVERY = 60.0  # seconds between lines of progress where there is no terminal
-PIPED = 120  # columns, where there is no terminal
+EVERY = 60.0  # seconds between lines of progress without a terminal
+PIPED = 120  # columns without a terminal
 _quiet = False
 
 
@@ -95,7 +95,7 @@ def say_page(page: Path) -> None:
 
 
 def say_ignored(ignored: Sequence[str]) -> None:
-    """Names the files of a folder that are no images, if any."""
+    """Names the files of a folder that are not images, if any."""
     if ignored:
         say(f"Skipped, because their names do not end like those of images: {', '.join(ignored)}")
 
@@ -123,7 +123,7 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         justify: Literal["left", "right"] = "right" if key in numbers else "left"
         table.add_column(key, justify=justify, overflow="fold", no_wrap=key not in broken)
     for row in zip(*columns.values(), strict=True):
-        table.add_row(*map(Text, row))  # because a file name in brackets is no markup
+        table.add_row(*map(Text, row))  # because a file name in brackets is not markup
     console.print(table)
 
 

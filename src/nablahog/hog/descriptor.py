@@ -50,7 +50,7 @@ def hog(
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
-            and any strides; nothing is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or a NumPy array
+            and any strides; nothing is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or an array
             (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.

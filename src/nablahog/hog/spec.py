@@ -45,7 +45,7 @@ class HOGSpec:
             largest gradient magnitude; ``"separate"``, one for each of three channels; a gray image
             counts as three equal ones.
         border: derivative across the image border (Eq. 2).  ``"reflect"``: 0, as with a mirrored image;
-            ``"replicate"``: the one-sided difference; ``"extrapolate"``: twice that, as if the image continued linearly;
+            ``"replicate"``: the one-sided difference; ``"extrapolate"``: twice that, as if the image went on linearly;
             ``"zero"``: black beyond the border; ``"gray"``: 128/255 beyond it; ``"ignore"``: pixels of the outermost
             ring cast no votes.
         bins: number of orientation bins over 180° (unsigned) or 360° (signed).

@@ -58,7 +58,7 @@ class DescriptorStrip(NamedTuple):
 def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
     """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
-    The rows are equal, bit by bit, to those of ``hog`` for the whole image: ``np.concatenate([strip.descriptor for strip
+    The rows are those of ``hog`` for the whole image, bit by bit: ``np.concatenate([strip.descriptor for strip
     in stream(image, spec)])`` is ``hog(whole, spec)``.  Without native loops for the dialect they are equal up to
     rounding.  A pixel that is not finite makes the strips that read it NaN; ``hog`` makes all rows NaN.
 

@@ -110,7 +110,7 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     passed_over = (
         f" Skipped, because their names do not end like those of images: {', '.join(ignored)}." if ignored else ""
     )
-    text = "These are in no figure above. A further run of the same settings tries them again."
+    text = "These are not in the figures above. A further run with the same settings tries them again."
     failures = failures_section(table.failures, "image", text)
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(

@@ -38,7 +38,7 @@ class ArrayOptions:
         return cls(arguments.image_size, arguments.key)
 
     def check_unused(self) -> None:
-        """Raises ValueError if an option is set; for commands whose inputs are no arrays."""
+        """Raises ValueError if an option is set; for commands whose inputs are not arrays."""
         for option, value in (("--image-size", self.image_size), ("--key", self.key)):
             if value is not None:
                 raise ValueError(
@@ -152,7 +152,7 @@ def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[Fi
             for size in SIZES if guessed else (image_size,):
                 windows = name == "opencv" and size not in (None, window_of(name, {}))
                 chosen = (("win_size", as_text(size[::-1])),) if windows and size else settings
-                with suppress(ValueError):  # some are no window of OpenCV
+                with suppress(ValueError):  # some are not a window of OpenCV
                     options = SpecOptions(name, chosen)
                     how = _own(shape, options.spec(), size)
                     if how is not None:
