@@ -156,7 +156,7 @@ def _is_beyond(images: Tensor) -> bool:
         return False
     if not values.size:
         return False
-    # images that are not finite have no range; of centred ones half is above 0
+    # images that are not finite have no range; half of a centred one is above 0
     return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 

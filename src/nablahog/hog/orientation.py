@@ -70,7 +70,7 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     # a constant 0 on the other side: the gradient of that bin may be huge, and half of it minus half of it is not 0
     before, after = torch.where(r > 0, 0.0, (a - r) / 2), torch.where(r < 0, 0.0, (a + r) / 2)
     weights = torch.stack([1 - a, before, after], dim=1)
-    # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, the bin must exist
+    # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, but the bin must exist
     bin_ = nearest.remainder(spec.bins).long().clamp(0, spec.bins - 1)
     bin_after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
     bin_before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)

@@ -66,7 +66,7 @@ def available() -> bool:
     return library() is not None
 
 
-# torch.compile shall not trace how a library is found.  This is what torch.compiler.assume_constant_result does once it
+# torch.compile must not trace how a library is found.  This is what torch.compiler.assume_constant_result does once it
 # has loaded torch._dynamo, which takes a second.
 available._dynamo_marked_constant = True  # type: ignore[attr-defined]
 

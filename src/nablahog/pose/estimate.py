@@ -191,7 +191,7 @@ def estimate_pose(
         initial=view,
         within=within,
         similarity=similarity,
-        # a default that does not count need not be read
+        # do not read a default that has no influence
         viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
         generator=torch.Generator().manual_seed(int(seed)),

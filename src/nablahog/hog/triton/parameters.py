@@ -233,7 +233,7 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
     spec.grid(height, width)  # raises if it is too small
     of_rows, of_cols = (m.numpy() for m in pooling_matrices(spec, height, width, torch.empty(0, dtype=real)))
     high, wide = _reach(of_rows), _reach(of_cols)
-    # all cells that a pixel votes into at once if their sums fit into registers; or some, and pixels are read again
+    # all cells that a pixel votes into, at once if their sums fit into registers; otherwise pixels are read again
     numbers = _MOST_REGISTERS // (real.itemsize // 4) // spec.bins
     high = high if high * wide <= numbers else 1
     wide = wide if high * wide <= numbers else 1

@@ -131,7 +131,7 @@ class _Grid:
 
     def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
         self._placed, self._stride, self._at, self._right, self._below = placed, stride, at, right, below
-        # If two neighbours are swapped, each is costed beside the old word of the other; this corrects that
+        # if two neighbours are swapped, the costs above are those beside the other's old word; this corrects them
         self._corrections = {
             apart: pair + pair.T - np.diag(pair) - np.diag(pair)[:, np.newaxis]
             for apart, pair in ((1, right), (stride, below))
