@@ -33,8 +33,8 @@ DEFINITIONS = {
     "interval below a figure": f"The 95 % interval: percentile bootstrap, {RESAMPLES:,} resamples of the objects with "
     "a fixed seed.",
     f"{', '.join(map(str, VIEWS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD "
-    "models. It names no criterion. By interval alone its baseline beats chance at 4 views, so we "
-    "compare by interval.",
+    "models. It names no criterion. Only by interval does its baseline beat "
+    "chance at 4 views, so we compare by interval.",
     "seconds": "Median wall time of a method for one object, in a process with one thread that has read the models. The "
     "first object of a process takes longer, because code is loaded.",
     **{name: method.about for name, method in POSE_METHODS.items()},
