@@ -35,7 +35,7 @@ DEFINITIONS = {
     f"{', '.join(map(str, VIEWS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD "
     "models. It names no criterion. Only by interval does its baseline beat "
     "chance at 4 views, so we compare by interval.",
-    "seconds": "Median wall time of a method for one object, in a process with one thread that has read the models. The "
+    "seconds": "Median wall time of a method for one object, in a process of one thread that has read the models. The "
     "first object of a process takes longer, because code is loaded.",
     **{name: method.about for name, method in POSE_METHODS.items()},
 }
