@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 ArrayImage: TypeAlias = "NDArray[Any] | Image"
-"""An image, or a batch of them, that is no tensor."""
+"""An image, or a batch of them, that is not a tensor."""
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
@@ -39,7 +39,7 @@ def image_batch(name: str, images: object) -> tuple[Tensor, bool]:
     Shares the memory of arrays that can be written to.
 
     Raises:
-        TypeError: it is neither; it is a PIL image of another mode than L and RGB; or its numbers are no real ones.
+        TypeError: it is neither; it is a PIL image of another mode than L and RGB; or its numbers are not real.
         ValueError: its axes are not (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3.
     """
     array = _pixels(name, images)
@@ -58,7 +58,7 @@ def descriptor_tensor(name: str, descriptor: object) -> Tensor:
     """An array as a tensor of the same shape.  Shares its memory if it can be written to.
 
     Raises:
-        TypeError: it is no array of real numbers.
+        TypeError: it is not an array of real numbers.
     """
     if not isinstance(descriptor, np.ndarray):
         raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {type(descriptor).__name__}")

@@ -139,7 +139,7 @@ class LearnedPrior(LearnedModel):
 
     @torch.no_grad()
     def polarity_confidence(self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str) -> Tensor:
-        """The probability that images with unsigned descriptors are no negatives.
+        """The probability that images with unsigned descriptors are not negatives.
 
         Args:
             images: (B, 1, H, W), of any contrast.

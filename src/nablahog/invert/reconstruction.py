@@ -43,7 +43,7 @@ class Reconstruction(Generic[Values]):
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
             :class:`.arguments.AsPublished` asks for them.
-        polarity_confidence: (B,) in 0…1, the probability that the image is no negative, by a learned prior for unsigned
+        polarity_confidence: (B,) in 0…1, probability that the image is not a negative, by a learned prior for unsigned
             descriptors; None without one.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)

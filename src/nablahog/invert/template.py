@@ -1,6 +1,6 @@
 """Pre-images of a linear detector's template: its weights become a descriptor that an image can have.
 
-A template is no descriptor.  Its weights have both signs, and their size is the importance of a cell, not the strength
+A template is not a descriptor.  Its weights have both signs, and their size is a cell's importance, not the strength
 of its edges.  But an image whose histograms are the template's positive weights has edges where the detector scores
 them, in the same directions, the stronger the more important they are; and that image has a descriptor.
 """

@@ -230,7 +230,7 @@ def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[st
                 part.load_state_dict(state[name])
             return list(state["losses"])
     except (EOFError, LookupError, RuntimeError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} is no checkpoint of a training, or damaged: remove it to start afresh") from error
+        raise ValueError(f"{path} is not a checkpoint of a training, or damaged: remove it to start afresh") from error
     raise ValueError(
         f"{path}: the checkpoint of another training (of other {', '.join(differing)}); finish that one, or remove the "
         "file"

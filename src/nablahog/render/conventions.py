@@ -123,7 +123,7 @@ def from_pytorch3d(
         height, width: the size of the image in pixels.
 
     Raises:
-        ValueError: R is no rotation, T is not (0, 0, distance) with a distance above 0, or not 0 < field_of_view < 180.
+        ValueError: R is not a rotation, T is not (0, 0, distance > 0), or not 0 < field_of_view < 180.
 
     >>> from nablahog.render import from_pytorch3d, pose, to_pytorch3d
     >>> rotation, translation, fov = to_pytorch3d(pose(azimuth=30, distance=3), nablahog.Camera(100, 64, 64))

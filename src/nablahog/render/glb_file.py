@@ -251,7 +251,7 @@ def _size_of_mesh(mesh: dict[str, Any], accessors: Sequence[dict[str, Any]]) -> 
 def _check_tree(nodes: Sequence[dict[str, Any]]) -> None:
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     if len(parents) < sum(len(node.get("children", ())) for node in nodes):
-        raise ValueError("its nodes are no tree: one has two parents")
+        raise ValueError("its nodes are not a tree: one has two parents")
     levels = 0
     for child in parents:
         depth = 0

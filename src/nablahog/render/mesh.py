@@ -268,7 +268,7 @@ def load_meshes(path: Path) -> dict[str, Mesh]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no such archive, or is damaged.
+        ValueError: it is not such an archive, or is damaged.
     """
     arrays = read_arrays(path, "mesh archive", _ARRAYS)
     with naming(path):
