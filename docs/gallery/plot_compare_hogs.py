@@ -50,7 +50,7 @@ plt.show()
 # %%
 # Why they differ
 # ---------------
-# A spec names its conventions. Those of OpenCV are exchanged for those of scikit-image, one after another. Each step
+# A spec names its conventions. Those of OpenCV are replaced by those of scikit-image, one after another. Each step
 # shows what a convention contributes. What remains, such as ties of colours, is too small to see.
 
 spec = opencv

@@ -18,8 +18,9 @@ import nablahog
 # %%
 # A detector from one window
 # --------------------------
-# To need no file, the detector is made here: the descriptor of one window of a small photograph, less the mean of all
-# windows. ``HOGDescriptor`` has the names and results of OpenCV's class. With OpenCV, set its people detector instead:
+# The detector is made here, so that no file is needed: the descriptor of one window of a small photograph, less the
+# mean of all windows. ``HOGDescriptor`` has the names and results of OpenCV's class. With OpenCV, set its people
+# detector instead:
 # ``descriptor.setSVMDetector(descriptor.getDefaultPeopleDetector())``.
 
 photograph = data.astronaut()
@@ -103,7 +104,7 @@ for axes in panels:
 plt.show()
 
 # %%
-# Left to right: where the detector sees the person; the window as it is given to the detector, 64x128 pixels; the
+# Left to right: where the detector sees the person; the window at the detector's size, 64x128 pixels; the
 # derivative, blue where brighter pixels raise the score, with the largest 1 % cut off; the window after the steps,
 # which looks nearly the same; the weights that speak for a person. The derivative is largest where the window is black:
 # OpenCV takes the root of all values first, and that is steepest near 0.

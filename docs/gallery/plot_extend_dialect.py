@@ -1,6 +1,6 @@
 """
-A HOG of one's own
-==================
+Your own HOG
+============
 
 A paper describes its own HOG: more bins, with signs; cells that overlap; a normaliser that divides by the energy of the
 neighbourhood. Such a dialect needs no code: a ``HOGSpec`` names its conventions, and everything works with it, also
@@ -21,7 +21,7 @@ from nablahog.hog import BilinearCells, CellNorm
 # %%
 # All conventions, by name
 # ------------------------
-# The fields without a default have to be named; ``help(nablahog.HOGSpec)`` explains each.
+# You must set the fields without a default; ``help(nablahog.HOGSpec)`` explains each.
 
 spec = nablahog.HOGSpec(
     name="mine",

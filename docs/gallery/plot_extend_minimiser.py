@@ -1,6 +1,6 @@
 """
-A minimiser of one's own
-========================
+Your own minimiser
+==================
 
 Two minimisers come with the package. A third one is a function from an objective and starting points to a ``Minimum``.
 Here it is Nesterov's accelerated gradient, compared with the others on the same problem: the pre-image of a HOG.
@@ -86,8 +86,8 @@ def objective(points: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
 
 
 # %%
-# Compared
-# --------
+# Comparison
+# ----------
 
 torch.manual_seed(0)
 start = 0.2 * torch.randn(len(photographs), SIDE**2)
@@ -125,5 +125,5 @@ plt.show()
 # Both explain the descriptor, and both are grainy: what the descriptor does not determine remains noise. How
 # ``reconstruct`` avoids this: :doc:`/reconstruction`.
 #
-# To use it in ``reconstruct``, by ``Search(minimiser="nesterov")``, put it into a file of the folder
+# To use it in ``reconstruct`` as ``Search(minimiser="nesterov")``, put it into a file of the folder
 # ``src/nablahog/optimize`` and its name into ``__init__.py``, as :doc:`/contributing` says.

@@ -40,8 +40,8 @@ for library, spec in dialects.items():
     print(f"{library:7} {arrays['astronaut', library].shape!s:13} {kind}")
 
 # %%
-# Inverted
-# --------
+# Invert
+# ------
 # The descriptors of one library are one batch. ``reconstruct`` uses the networks that come with the package, which know
 # what photographs look like; with ``prior=None`` nothing is learned.
 

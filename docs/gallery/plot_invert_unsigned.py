@@ -39,8 +39,8 @@ for name, spec in {"unsigned": unsigned, "signed": signed}.items():
     print(f"{name:8} {spec.bins:2} bins: the descriptor of the negative differs by {change:.3f} of its length")
 
 # %%
-# Both inverted
-# -------------
+# Invert both
+# -----------
 # Unsigned and signed bins, each without and with the priors that come with the package.
 
 settings: dict[str, tuple[nablahog.HOGSpec, Literal["default"] | None]] = {

@@ -2,7 +2,7 @@
 The pose of a chair in a photograph
 ===================================
 
-Given: a photograph, a box around the object, and a CAD model of it. Wanted: from where the camera sees it.
+You have a photograph, a box around the object, and a CAD model of it. From where does the camera see it?
 ``estimate_pose`` searches the azimuth, elevation, in-plane rotation, distance and place at which a rendering of the
 model has the HOG most like the photograph's.
 """
@@ -19,7 +19,7 @@ from nablahog.render import silhouette
 # %%
 # A scene whose pose is known
 # ---------------------------
-# A chair that a program makes is put before a photograph, with random light, colour, blur and noise. ``scene`` also
+# A procedural chair is put in front of a photograph, with random light, colour, blur and noise. ``scene`` also
 # gives a box with the error of an annotation. Your own photograph is an array (H, W, 3) or a PIL image, the model is
 # ``nablahog.load_mesh("chair.obj")``.
 
@@ -29,8 +29,8 @@ clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
 scenes = [scene(k, chairs, viewpoints[k], clutter, seed=6) for k in range(3)]
 
 # %%
-# Searched
-# --------
+# Search
+# ------
 # The elevation is known roughly, the azimuth not at all. Each estimate takes about a second.
 
 estimates = [
@@ -44,8 +44,8 @@ for each, estimate in zip(scenes, estimates, strict=True):
     print(f"    true azimuth {azimuth:.1f}°, elevation {elevation:.1f}°: the azimuth is off by {error:.1f}°")
 
 # %%
-# Looked at
-# ---------
+# Look at the results
+# -------------------
 # The outline of the model at the estimated pose, and its rendering. ``estimate.camera`` sees the whole photograph.
 
 figure, panels = plt.subplots(2, 3, figsize=(9, 6.3), layout="constrained")
@@ -65,7 +65,7 @@ plt.show()
 
 # %%
 # Cyan: the given box. Red: the outline of the rendering below. The similarity is that of the rendering's own linear
-# discriminant to the photograph, in its standard deviations over photographs of anything.
+# discriminant to the photograph, in standard deviations over arbitrary photographs.
 #
 # Which model?
 # ------------

@@ -19,7 +19,7 @@ import nablahog
 # %%
 # A photograph of known pose
 # --------------------------
-# A chair at an azimuth of 60° is rendered before a part of a photograph.
+# A chair at an azimuth of 60° is rendered in front of a part of a photograph.
 
 TRUE = 60.0
 mesh = nablahog.sample_chairs()["wooden-0"]
@@ -40,7 +40,7 @@ photograph = renderer(poses(torch.tensor([TRUE], dtype=torch.float64)), backgrou
 # %%
 # The similarity
 # --------------
-# The cosine of the descriptors of the photograph and of a rendering before white. Both steps are differentiable, so
+# The cosine of the descriptors of the photograph and of a rendering on white. Both steps are differentiable, so
 # ``backward`` gives the derivative by the azimuth, per degree.
 
 spec = nablahog.presets.uoctti(cell_size=8)
@@ -90,11 +90,11 @@ plt.show()
 
 # %%
 # Both curves are jagged below a degree: each sample that an edge passes moves the descriptor. The derivative is that of
-# the jagged curve; over a few degrees its mean is the slope that is seen.
+# the jagged curve; over a few degrees its mean is the visible slope.
 #
 # Where would ascent end?
 # -----------------------
-# From each azimuth the way uphill ends at a local maximum, here of the similarity's means over 15°.
+# From each azimuth, ascent ends at a local maximum, here of the similarity's means over 15°.
 
 kernel = torch.ones(1, 1, 15, dtype=torch.float64) / 15
 wrapped = torch.nn.functional.pad(values.double()[None, None], (7, 7), mode="circular")
@@ -109,5 +109,5 @@ for end in sorted(set(ends.tolist())):
     )
 
 # %%
-# Several maxima: so a search begins at many azimuths. ``nablahog.estimate_pose`` does, see
+# There are several maxima, so a search must begin at many azimuths, as ``nablahog.estimate_pose`` does:
 # :ref:`sphx_glr_auto_gallery_plot_pose_chair.py`.

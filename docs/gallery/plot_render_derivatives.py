@@ -3,7 +3,7 @@ Renderings with derivatives
 ===========================
 
 ``nablahog.render`` draws a mesh at a pose. Its derivative by each of the six parameters of the pose is an image, too.
-Is it right? Central differences of a rendering with many samples a pixel tell.
+Is it right? Central differences of a rendering with many samples per pixel show it.
 """
 
 import matplotlib.pyplot as plt
@@ -71,14 +71,14 @@ for axes in panels.flat:
 plt.show()
 
 # %%
-# The change of the image for the change of the pose that is named, to first order: red is darker, blue is brighter, at
-# most half of black to white. The cosine is that between the two images as vectors, 1 where they agree up to a factor.
+# The first-order change of the image for the named change of the pose: red is darker, blue is brighter, at most half
+# of the range from black to white. The cosine of the two images as vectors is 1 if they agree up to a factor.
 #
 # Two ways to differentiate edges
 # -------------------------------
 # ``"edges"``, the default, differentiates the area that an edge covers in a pixel. ``"opendr"`` is the paper's
-# renderer: minus the image's own difference times the motion of what is seen. More samples a pixel make both better and
-# slower.
+# renderer: minus the difference of neighbouring pixels times the motion of the surface. More samples per pixel
+# make both better and slower.
 
 methods: tuple[Method, ...] = ("edges", "opendr")
 for method in methods:

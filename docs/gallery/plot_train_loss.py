@@ -31,8 +31,8 @@ print(f"a thumbnail {tuple(thumbnail.shape)}, and {hog_loss}")
 # %%
 # Two losses, one sum
 # -------------------
-# The third term prefers smooth images. HOG takes, at each pixel, the channel of largest gradient; noise in the other
-# channels costs nothing without it.
+# The third term prefers smooth images. At each pixel, HOG takes the channel of largest gradient; without
+# this term, noise in the other channels costs nothing.
 
 enlarged = interpolate(thumbnail, size=(SIDE, SIDE), mode="bicubic").clamp(0, 1)
 torch.manual_seed(0)

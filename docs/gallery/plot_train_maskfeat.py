@@ -2,7 +2,7 @@
 MaskFeat: targets and predictions as pictures
 =============================================
 
-MaskFeat trains a network to predict the HOG of what it cannot see. Its targets are tokens: 196 rows of 108 numbers of
+MaskFeat trains a network to predict the HOG of masked patches. Its targets are tokens: 196 rows of 108 numbers of
 an image of 224x224 pixels, 2x2 cells of 9 bins of 3 colours each. How do they become a picture, and what does a
 prediction look like?
 """
@@ -42,8 +42,8 @@ print("the order of SlowFast's labels:", torch.equal(labels, tokens))
 # %%
 # Tokens as pictures
 # ------------------
-# ``from_layout`` folds tokens, of a network, too, into (rows, cols, channels), which ``glyphs`` and ``reconstruct``
-# take.
+# ``from_layout`` folds tokens, also those of a network, into (rows, cols, channels), for ``glyphs`` and
+# ``reconstruct``.
 
 folded = nablahog.from_layout(tokens, spec, (224, 224))
 result = nablahog.reconstruct(folded, spec, (224, 224), quality="fast", seed=0)

@@ -164,8 +164,8 @@ plt.show()
 #
 # What can go wrong
 # -----------------
-# The same photograph, with one mistake at a time. The unit of the similarity is its standard deviation over photographs
-# of anything. ``nablahog pose`` warns if it is no larger than in photographs of something else. Look at the outline in
+# The same photograph, with one mistake at a time. The unit of the similarity is its standard deviation over arbitrary
+# photographs. ``nablahog pose`` warns if it is no larger than in photographs without the object. Look at the outline in
 # any case.
 
 wide, high = one.box.width, one.box.height

@@ -8,8 +8,8 @@ import sys
 
 
 def main() -> int:
-    """Runs the command; Ctrl-C before it runs, while modules are imported, is no traceback either."""
-    # threads that wait for each other with busy processors take many times as long where something else is at work;
+    """Runs the command; Ctrl-C while modules are imported prints no traceback, either."""
+    # threads that wait actively take many times as long if other programs use the processors;
     # OpenMP reads this when PyTorch is loaded
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:

@@ -27,7 +27,7 @@ def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeyp
 
 
 def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal.say(f"Passed over: {NAME}")
+    terminal.say(f"Skipped: {NAME}")
     terminal.print_table([{"input": NAME, "size": [1, 2]}])
     printed = capsys.readouterr()
     assert printed.out.count(SHOWN) == 2

@@ -143,7 +143,7 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
     whole = path.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"x" * 1000):
         path.write_bytes(damaged)
-        with pytest.raises(ValueError, match="is no checkpoint of a training, or damaged"):
+        with pytest.raises(ValueError, match="is not a checkpoint of a training, or damaged"):
             trained(images, epochs=1, checkpoint=path)
 
 

@@ -55,7 +55,7 @@ def test_a_member_that_is_no_array(tmp_path: Path) -> None:
     write_arrays(tmp_path / "a", 1, {"x": 1})
     with zipfile.ZipFile(tmp_path / "a", "a") as archive:
         archive.writestr("y.npy", "hello")
-    with pytest.raises(ValueError, match=r"^.*/a: expected a test, but y in the archive is no array \(.npy\)$"):
+    with pytest.raises(ValueError, match=r"^.*/a: expected a test, but y in the archive is not an array \(.npy\)$"):
         read_arrays(tmp_path / "a", "test", ("x", "y"))
     assert list(numbers_in(tmp_path / "a")) == ["format", "x"]
 

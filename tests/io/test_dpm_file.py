@@ -59,7 +59,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "a part of 1x1 cells at 2, 1 is outside its root",
     ),
     "a start that is not there": ({"start": 99}, "expected a model of voc-release5"),
-    "a cell of infinite size": ({"sbin": np.inf}, "numbers that are no integers within ±1,000,000"),
+    "a cell of infinite size": ({"sbin": np.inf}, "numbers that are not integers within ±1,000,000"),
 }
 
 

@@ -74,13 +74,13 @@ def app(commands: argparse._SubParsersAction[Parser]) -> None:
         "model until it fits. Nothing leaves the machine. Needs the extra nablahog[app].",
     )
     command.add_argument("photos", nargs="*", metavar="PHOTO", help="photographs to begin with")
-    port = f"of the page, 0 for any that is free (default: {PORT})"
+    port = f"port of the page; 0 takes a free one (default: {PORT})"
     options.number(command, "--port", port, least=0, most=LAST_PORT, default=PORT)
     command.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to listen at (default: %(default)s, this machine alone); at any other, the page's address has a "
-        "secret token",
+        help="address to listen at (default: %(default)s, this machine only); with any other, the page's address "
+        "contains a secret token",
     )
     command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     command.set_defaults(command="app")
@@ -90,9 +90,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command with ``argv``, by default the arguments of this process.
 
     Returns:
-        The exit status: 0; 1 after an error, which one line on stderr has told; 2 for wrong arguments; 3 when some
-        inputs were skipped, each with a line on stderr, and the others done; 4 when a pose is less sure than was asked
-        for; 130 when interrupted.
+        The exit status: 0; 1 after an error, which one line on stderr names; 2 for wrong arguments; 3 when some
+        inputs were skipped, each with a line on stderr, and the others done; 4 when the confidence of a pose is
+        too low; 130 when interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -21,8 +21,8 @@ from ..viz.html import figure
 
 SHORT = 16  # characters of a name that is not broken in a table
 LONGEST = 1000  # characters of a line: lists of file names may be any length
-EVERY = 60.0  # seconds between lines of progress where there is no terminal
-PIPED = 120  # columns, where there is no terminal
+EVERY = 60.0  # seconds between lines of progress without a terminal
+PIPED = 120  # columns without a terminal
 _quiet = False
 
 
@@ -33,7 +33,7 @@ def be_quiet(quiet: bool) -> None:
 
 
 class Counter(Protocol):
-    """To be called with the number of items done, their total, and the item at work."""
+    """Called with the number of items done, their total, and the current item."""
 
     def __call__(self, done: int, total: int, what: str) -> None: ...
 
@@ -91,13 +91,13 @@ def inform(text: str) -> None:
 
 def say_page(page: Path) -> None:
     """Points to a page, which has the pictures and says what the figures mean."""
-    say(f"Look at {page}, which also says what the figures mean")
+    say(f"Results: {page}")
 
 
 def say_ignored(ignored: Sequence[str]) -> None:
-    """Names the files of a folder that are no images, if any."""
+    """Names the files of a folder that are not images, if any."""
     if ignored:
-        say(f"Passed over, as no images by their endings: {', '.join(ignored)}")
+        say(f"Skipped, because their names do not end like those of images: {', '.join(ignored)}")
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -123,7 +123,7 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         justify: Literal["left", "right"] = "right" if key in numbers else "left"
         table.add_column(key, justify=justify, overflow="fold", no_wrap=key not in broken)
     for row in zip(*columns.values(), strict=True):
-        table.add_row(*map(Text, row))  # because a file name in brackets is no markup
+        table.add_row(*map(Text, row))  # because a file name in brackets is not markup
     console.print(table)
 
 

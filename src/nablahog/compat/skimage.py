@@ -76,14 +76,18 @@ def hog(
 
     Values are not rescaled, and ε is absolute.  Ties between two bins or two channels are decided as in scikit-image,
     also by rounding errors; a gradient less than 1.4e-14° below 0° votes nowhere, as there.  One difference is left:
-    votes of a cell are added in float64 instead of float32, which changes entries by about 1e-7.  What cannot be
-    described is refused in one sentence: cells whose sides are no whole numbers, and blocks or bins of which there are
-    none, for which scikit-image has a descriptor that is empty or made of other cells.
+    votes of a cell are added in float64 instead of float32, which changes entries by about 1e-7.  Cells whose sides are
+    not whole numbers, and 0 bins or cells in a block, are errors; scikit-image then returns an empty or another
+    descriptor.
+
+    Votes are hard, so the descriptor jumps where a gradient crosses the border of two orientation bins.  The derivative
+    does not see the jump: it is that of the magnitude in the bin that gets the vote, 0 in the others.  To optimise, use
+    linear votes, ``nablahog.presets.skimage(…).with_linear_votes()``, another descriptor.
 
     Args:
         image: (M, N), or with channels on ``channel_axis``; an array or what becomes one, or a tensor on any device.
-            Of a masked array the difference of two pixels, one of which is masked, is the pixel on the right or below,
-            as in scikit-image: fill it first, ``image.filled(0)``.
+            Fill a masked array first, ``image.filled(0)``: as in scikit-image, the difference of two pixels of which
+            one is masked is the pixel on the right or below.
         orientations: bins over 180°, at least 1.
         pixels_per_cell: (height, width), whole numbers, also as floats.
         cells_per_block: (rows, cols).

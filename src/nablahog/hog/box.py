@@ -56,7 +56,7 @@ class Box(NamedTuple):
         return slice(self.x0, self.x1)
 
     def intersect(self, other: Box) -> Box:
-        """What both have in common; its width or height is 0 or less if that is nothing."""
+        """The intersection; its width or height is 0 or less if it is empty."""
         return Box(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
 
     def iou(self, other: Box) -> float:
@@ -118,7 +118,7 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]
 
 
 def _spacing(spec: HOGSpec, axis: int) -> tuple[int, int, int]:
-    """Of rows (axis 0) or columns: the first pixel of the first, pixels from one to the next, pixels of each."""
+    """For rows (axis 0) or columns: first pixel of the first one, distance to the next, size of each."""
     cell, (step, extent, margin) = spec.cell_size[axis], spec.normalizer.footprint(axis)
     first, following, last = (
         spec.pooling.first_pixel(index, cell, axis) for index in (margin, margin + step, margin + extent - 1)

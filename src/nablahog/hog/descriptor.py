@@ -42,38 +42,37 @@ def hog(
 
     Works on CPU and CUDA, under reverse and forward mode, ``vmap`` and ``torch.compile``; second derivatives exist away
     from kinks.  At kinks it returns the derivatives stated in ``docs/derivatives.md``, never NaN.  A pixel that is NaN
-    or infinite, in any channel, makes its image's descriptor and gradient NaN, all of it; other images of the batch
-    keep theirs.
+    or infinite, in any channel, makes the whole descriptor and gradient of its image NaN; other images of the batch do
+    not change.
 
-    ``torch.export`` saves graphs with the operator in it; a process that loads one needs ``import
-    nablahog.hog.operators``, for ``import nablahog`` alone loads nothing that computes.
+    ``torch.export`` saves graphs that contain the operator; a process that loads one needs ``import
+    nablahog.hog.operators``, because ``import nablahog`` alone does not load it.
 
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
-            and any strides: none is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or a NumPy array
+            and any strides; nothing is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or an array
             (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
-        backend: ``"auto"``, compiled loops on a CPU, kernels of Triton on a GPU; ``"torch"``, the steps as the paper
-            has them, a few operations of PyTorch each; ``"triton"``, these kernels or an error.  The results differ by
+        backend: ``"auto"``, compiled loops on a CPU, Triton kernels on a GPU; ``"torch"``, the steps of the paper, each
+            in a few operations of PyTorch; ``"triton"``, Triton kernels or an error.  The results differ by
             rounding.
 
     Returns:
-        (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (the default dtype
-        for uint8; float32 for float16 and bfloat16 under autocast, as of PyTorch's operators that compute in float32),
-        and so has the gradient.  An array for arrays and PIL images, without B for a single one.  Of tensors on the
-        device ``meta`` its shape.
+        (B, rows, cols, channels), or B in front of the library's own shape; the dtype of the images (for uint8 the
+        default dtype; under autocast float32 for float16 and bfloat16).  The gradient has the dtype of the images.  An
+        array for arrays and PIL images, without B for a single one.  On the device ``meta`` only a shape.
 
     Raises:
-        TypeError: ``images`` is no tensor, array or PIL image, or of another dtype.
+        TypeError: ``images`` is not a tensor, array or PIL image, or has another dtype.
         ValueError: ``images`` has other axes, or is smaller than one cell; there is no such preset; the backend is
-            ``"triton"``, and ``images`` are on no GPU.
+            ``"triton"``, and ``images`` are not on a GPU.
         ModuleNotFoundError: the backend is ``"triton"``, which is not installed.
 
     Warns:
-        UserWarning: the floats reach far beyond 0…1 (above 2; looked up in some pixels, on the CPU); there are four
-            channels; the spec is scikit-image's for gray images, and there are three; or, once, PyTorch's steps compute
-            on a GPU, for want of Triton.
+        UserWarning: the floats are far beyond 0…1 (above 2; some pixels are checked, on the CPU only); there are four
+            channels; the spec is scikit-image's for gray images, and there are three; or, once, a GPU is used without
+            Triton.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape

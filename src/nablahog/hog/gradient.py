@@ -36,12 +36,12 @@ BORDERS: dict[Border, BorderRule] = {
 
 
 def _gray_weights(channels: int) -> tuple[float, ...]:
-    """Of Eq. 1: three are R, G, B, any other number is averaged."""
+    """Weights of Eq. 1: three channels are R, G, B; any other number is averaged."""
     return GRAY_WEIGHTS if channels == 3 else (1 / channels,) * channels
 
 
 def channel_weights(spec: HOGSpec, channels: int) -> tuple[bool, tuple[float, ...]]:
-    """Whether so many channels are averaged (Eq. 1), not compared by magnitude, and their weights."""
+    """Whether the channels are averaged (Eq. 1) instead of compared by magnitude, and their weights."""
     if spec.colour != "gray" or channels == 1:
         return False, (1.0,) * channels
     return True, _gray_weights(channels)

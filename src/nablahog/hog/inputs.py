@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 ArrayImage: TypeAlias = "NDArray[Any] | Image"
-"""An image, or a batch of them, that is no tensor."""
+"""An image, or a batch of them, that is not a tensor."""
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
@@ -42,7 +42,7 @@ def image_batch(name: str, images: object) -> tuple[Tensor, bool]:
     Shares the memory of arrays that can be written to.
 
     Raises:
-        TypeError: it is neither; it is a PIL image of another mode than L and RGB; or its numbers are no real ones.
+        TypeError: it is neither; it is a PIL image of another mode than L and RGB; or its numbers are not real.
         ValueError: its axes are not (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3.
     """
     array = _pixels(name, images)
@@ -61,7 +61,7 @@ def descriptor_tensor(name: str, descriptor: object) -> Tensor:
     """An array as a tensor of the same shape.  Shares its memory if it can be written to.
 
     Raises:
-        TypeError: it is no array of real numbers.
+        TypeError: it is not an array of real numbers.
     """
     if not isinstance(descriptor, np.ndarray):
         came = what_came(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
@@ -160,7 +160,7 @@ def _is_beyond(images: Tensor) -> bool:
         return False
     if not values.size:
         return False
-    # images that are not finite have no range; of centred ones half is above 0
+    # images that are not finite have no range; half of a centred one is above 0
     return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 

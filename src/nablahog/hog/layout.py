@@ -66,7 +66,7 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
         spec: the dialect, or the name of a preset with its defaults.
 
     Returns:
-        Of the kind and dtype of ``descriptor``, in the shape above; entries are moved, not changed, so that it is
+        The descriptor in the shape above, of the same kind and dtype.  Entries are moved, not changed, so the result is
         differentiable.
 
     Raises:
@@ -105,7 +105,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         (B, rows, cols, channels), of the kind and dtype of ``native``; differentiable.
 
     Raises:
-        ValueError: the shape is none of the spec's for images of that size; there is no such preset.
+        ValueError: the spec has no descriptor of that shape for images of that size; there is no such preset.
 
     >>> spec = nablahog.presets.opencv(win_size=(64, 128))
     >>> vector = np.zeros(3780, np.float32)  # as of cv2.HOGDescriptor().compute
@@ -133,7 +133,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
 
 
 def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:
-    """What each channel of a descriptor is, for readers, in the order of channels.
+    """Names of the channels of a descriptor, for readers, in the order of channels.
 
     Orientations are directions of gradients in degrees, from +x towards +y, down.
 

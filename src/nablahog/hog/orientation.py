@@ -70,7 +70,7 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     # a constant 0 on the other side: the gradient of that bin may be huge, and half of it minus half of it is not 0
     before, after = torch.where(r > 0, 0.0, (a - r) / 2), torch.where(r < 0, 0.0, (a + r) / 2)
     weights = torch.stack([1 - a, before, after], dim=1)
-    # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, the bin must exist
+    # clamp only matters for NaN, whose integer is arbitrary: the vote is NaN, but the bin must exist
     bin_ = nearest.remainder(spec.bins).long().clamp(0, spec.bins - 1)
     bin_after = torch.where(bin_ == spec.bins - 1, 0, bin_ + 1)
     bin_before = torch.where(bin_ == 0, spec.bins - 1, bin_ - 1)
@@ -78,7 +78,7 @@ def _shares(nearest: Tensor, r: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
 
 
 def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By the angle of Eq. 2."""
+    """Shares by the angle of Eq. 2."""
     position = _position(gx, gy, spec)
     nearest = position.detach().round()
     return _shares(nearest, position - nearest, spec)
@@ -110,7 +110,7 @@ def opencv_angle(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By OpenCV's arctangent, with the derivative of the exact angle."""
+    """Shares by OpenCV's arctangent, with the derivative of the exact angle."""
     theirs = opencv_angle(gx.detach(), gy.detach(), spec)
     nearest = theirs.round()
     r = _position(gx, gy, spec) - nearest
@@ -150,7 +150,7 @@ def vlfeat_weights(gx: Tensor, gy: Tensor, candidates: Tensor, spec: HOGSpec) ->
 
 
 def _vlfeat_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """By VLFeat's arccosine, with the derivative of the exact angle."""
+    """Shares by VLFeat's arccosine, with the derivative of the exact angle."""
     bins, weights = _exact_shares(gx, gy, spec)
     return bins, weights + (vlfeat_weights(gx.detach(), gy.detach(), bins, spec) - weights).detach()
 
@@ -243,7 +243,7 @@ def vote_rule(spec: HOGSpec) -> VoteRule:
 
 
 def vote_directions(spec: HOGSpec) -> npt.NDArray[np.float64]:
-    """What the dialect's rule of votes compares gradients with, (2 or 3, directions): cosines and sines.
+    """Directions that the dialect's rule of votes compares gradients with, (2 or 3, directions): cosines and sines.
 
     Directions of bins, or where bins begin, and then whether in the first half turn; nothing where votes are by angle.
     """

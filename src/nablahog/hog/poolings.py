@@ -56,13 +56,13 @@ class Pooling(ABC):
         return Spacing(cell, 1)
 
     def cells(self, pixels: int, cell: int, axis: int, partial: PartialCells) -> int:
-        """How many cells there are along an axis of so many pixels."""
+        """The number of cells along an axis of ``pixels`` pixels."""
         if partial == "floor":
             return pixels // cell
         return (pixels + cell // 2) // cell if partial == "round" else -(-pixels // cell)
 
     def smallest(self, cell_size: tuple[int, int]) -> tuple[str, tuple[int, int]]:
-        """What the smallest image must hold, in a word, and its (height, width)."""
+        """A word for what the smallest image must hold, and its (height, width)."""
         return "cell", cell_size
 
     @abstractmethod
@@ -87,7 +87,7 @@ class Pooling(ABC):
         return 1
 
     def first_pixel(self, index: int, cell: int, axis: int) -> int:
-        """Of a cell along an axis."""
+        """The first pixel of a cell along an axis."""
         step, cells = self.spacing(cell, axis)
         return index // cells * step + index % cells * cell
 
@@ -227,7 +227,7 @@ class BlockCells(Pooling):
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:
         """Blocks must be whole cells, and be those of the normaliser."""
         if any(b % c for b, c in zip(self.block, cell_size, strict=True)):
-            raise ValueError(f"blocks of {self.block} pixels are no whole cells of {cell_size}")
+            raise ValueError(f"blocks of {self.block} pixels are not whole cells of {cell_size}")
         cells = self.block[0] // cell_size[0], self.block[1] // cell_size[1]
         blocks = [Footprint(step=n, extent=n) for n in cells]
         if [normalizer.footprint(axis) for axis in (0, 1)] != blocks or normalizer.reach() != 0:
@@ -244,7 +244,7 @@ class BlockCells(Pooling):
         return "block", self.block
 
     def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        """Of each block in turn its cells, by rows."""
+        """Weights of the cells of each block in turn, by rows."""
         import torch
 
         block, step = self.block[axis], self.step[axis]

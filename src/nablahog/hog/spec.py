@@ -39,19 +39,19 @@ class HOGSpec:
 
     Attributes:
         name: what people call this dialect; only shown, never interpreted.
-        value_range: the largest value of the images that the constants ε were made for (1 or 255).  The operator
+        value_range: the largest value of the images that the constants ε are meant for (1 or 255).  The operator
             multiplies an image in 0…1 by it.
         colour: ``"gray"``, one gray image before differentiation (Eq. 1); ``"largest"``, at each pixel the channel of
-            largest gradient magnitude; ``"separate"``, a descriptor of each of three channels, which a gray image has
-            three times.
+            largest gradient magnitude; ``"separate"``, one for each of three channels; a gray image
+            counts as three equal ones.
         border: derivative across the image border (Eq. 2).  ``"reflect"``: 0, as with a mirrored image;
-            ``"replicate"``: the one-sided difference; ``"extrapolate"``: twice that, as if the image went on straight;
+            ``"replicate"``: the one-sided difference; ``"extrapolate"``: twice that, as if the image went on linearly;
             ``"zero"``: black beyond the border; ``"gray"``: 128/255 beyond it; ``"ignore"``: pixels of the outermost
             ring cast no votes.
         bins: number of orientation bins over 180° (unsigned) or 360° (signed).
         signed: whether opposite gradients vote into different bins.
         bin_offset: bin k is centred at (k + bin_offset) · period / bins; angles start at +x and grow from +x to +y,
-            that is clockwise on screen.
+            which is clockwise on the screen.
         vote: ``"linear"``, shared between the two nearest bins (Eq. 3-4); ``"hard"``, all to the bin direction of
             largest dot product.
         cell_size: (height, width) of a cell in pixels.
@@ -64,17 +64,17 @@ class HOGSpec:
             the last in the width % 4 last columns; ``"dlib"``: the last, but the first in the last columns, those left
             by groups of eight from the second column on.
         mask: ``"central"``, [-1, 0, 1]; ``"sobel"``, the same, averaged over three rows or columns with 1, 2, 1.
-        counterclockwise: whether bins follow each other in the other sense than angles: bin k is then centred at
+        counterclockwise: whether bins are numbered against the sense of angles: bin k is then centred at
             -(k + bin_offset) · period / bins.
         angle: of linear votes.  ``"exact"``; ``"opencv"``: its arctangent, a polynomial that errs by up to 3e-4 rad;
             ``"vlfeat"``: its arccosine of a float32, which errs by as much near a bin's centre.  The derivative is that
             of the exact angle.
         directions: of hard votes, the table of sines and cosines: ``"float32"``, or rounded to ``"four-decimals"``.
-        derivative: of hard votes.  ``"own"``, through the magnitude alone, for the bin does not move; ``"linear"``,
-            straight through: that of the linear votes.
+        derivative: of hard votes.  ``"own"``, through the magnitude only, because the bin does not move; ``"linear"``,
+            straight through: that of linear votes.
         boundary: the bin of a gradient exactly between two, of hard votes.  ``"first"`` in the order of bins, as for
             largest dot products; ``"upper"``, the one that begins there.
-        layout: how the library lays its descriptor out, see :mod:`.layout`.
+        layout: the library's own layout of the descriptor, see :mod:`.layout`.
 
     Raises:
         ValueError: a field is out of its range, or two fields contradict each other.
@@ -199,7 +199,7 @@ class HOGSpec:
         return rows, cols
 
     def image_size(self, rows: int, cols: int) -> tuple[int, int]:
-        """(height, width) of the image of whole cells whose descriptor has so many rows and columns."""
+        """(height, width) of the image of whole cells whose descriptor has these rows and columns."""
         cells = (self.normalizer.footprint(axis).cells(count) for axis, count in enumerate((rows, cols)))
         height, width = (
             self.pooling.first_pixel(count - 1, cell, axis) + cell
@@ -208,7 +208,7 @@ class HOGSpec:
         return height, width
 
     def check_channels(self, channels: int) -> None:
-        """Raises ValueError if images of so many channels have no descriptor."""
+        """Raises ValueError if images with this number of channels have no descriptor."""
         if self.colour == "separate" and channels not in (1, COLOURS):
             raise ValueError(f"{self.named} descriptor is of images of 1 or {COLOURS} channels, got {channels}")
 

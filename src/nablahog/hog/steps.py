@@ -93,7 +93,7 @@ def split_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def separate_colours_vjp(grad_output: Tensor, channels: int, spec: HOGSpec) -> Tensor:
-    """The vjp of :func:`separate_colours`, of images of so many channels."""
+    """The vjp of :func:`separate_colours`, for images with a given number of channels."""
     if spec.colours == 1:
         return grad_output
     each = grad_output.reshape(-1, spec.colours, *grad_output.shape[2:])

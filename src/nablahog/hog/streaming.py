@@ -38,7 +38,7 @@ class Rows(Protocol):
 
     @property
     def dtype(self) -> Any:
-        """What numpy takes for a dtype."""
+        """Anything that NumPy takes for a dtype."""
 
     def __getitem__(self, rows: slice, /) -> Any:
         """Some rows, with a step of 1: what numpy takes for an array."""
@@ -59,30 +59,30 @@ class DescriptorStrip(NamedTuple):
 def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
     """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
-    The rows equal those of ``hog`` of the whole image bit by bit: ``np.concatenate([strip.descriptor for strip
+    The rows are those of ``hog`` for the whole image, bit by bit: ``np.concatenate([strip.descriptor for strip
     in stream(image, spec)])`` is ``hog(whole, spec)``.  Without native loops for the dialect they are equal up to
-    rounding.  A pixel that is not finite makes NaN of the strips that read it, where ``hog`` makes all rows NaN.
+    rounding.  A pixel that is not finite makes the strips that read it NaN; ``hog`` makes all rows NaN.
 
     Neighbouring strips share some rows of the image, as cells share pixels and blocks cells; these are read for both.
     Where one number normalises a whole descriptor, as in Eq. 7, the image is read twice.
 
     Args:
         image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
-            R, G, B).  A :class:`numpy.memmap`, as of ``np.load(path, mmap_mode="r")``, anything else that has
+            R, G, B).  A :class:`numpy.memmap`, such as ``np.load(path, mmap_mode="r")``, anything else that has
             ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults.
-        memory: bytes that a strip takes, nearly, with all that it is computed from; but it has at least one row,
-            however few they are.  The tables of the loops come on top: for a moment, before a strip of another size
-            than the last, some 6 bytes (float64: 10) for each pixel of a row and column of cells.
+        memory: bytes that a strip may take, approximately, including everything it is computed from; but it has at
+            least one row.  The tables of the loops are not included: for a moment, before a strip of another size
+            than the last, about 6 bytes (float64: 10) for each pixel of a row and column of cells.
 
     Returns:
         Strips of (rows, cols, channels), NumPy arrays of float32, or of float64 for float64 images and for uint8 if
-        that is the default dtype of PyTorch.  The image is read as they are asked for.
+        that is the default dtype of PyTorch.  The image is read lazily.
 
     Raises:
         TypeError: ``image`` has no shape, dtype and rows, or another dtype.
-        ValueError: it has another shape, or is smaller than one cell; ``memory`` is no positive integer; there is no
-            such preset; while it is read, its rows are not of its shape.
+        ValueError: it has another shape, or is smaller than one cell; ``memory`` is not a positive integer; there is
+            no such preset; or rows that are read do not have its shape.
 
     >>> image, spec = np.zeros((640, 64), np.uint8), nablahog.presets.uoctti()
     >>> descriptor = np.empty((*spec.grid(640, 64), spec.channels), np.float32)
@@ -180,7 +180,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
 
 
 def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
-    """What the normaliser multiplies the histograms of an image with, (colours · bins, 1, 1) in float64.
+    """Factors by which the normaliser multiplies the histograms of an image, (colours · bins, 1, 1) in float64.
 
     Energies are rounded as in the native loops: ``native/per_cell_norm.h``.
     """
@@ -210,5 +210,5 @@ class _Energy:
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
-        """Of all that came."""
+        """The sum of everything so far."""
         return self._total if self._rest is None else kernels.add_energy(self._rest, self._total)

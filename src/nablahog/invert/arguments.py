@@ -118,7 +118,7 @@ def quality_of(name: QualityName) -> Quality:
 
 @dataclass(frozen=True)
 class Search:
-    """How a pre-image is searched.
+    """How to search for a pre-image.
 
     Attributes:
         minimiser: ``"lbfgs"`` or ``"dogleg"`` (the paper's).
@@ -126,7 +126,7 @@ class Search:
             samples are drawn, 200 with a prior for signed descriptors, else 480; or 80.
         samples: images whose mean is the expected image, at least 1; by default those of the quality, 4 or 2.  They are
             drawn for signed descriptors, or where a start is given; fewer if each would get less than 28 evaluations.
-            A single one is only a start: nothing is expected.
+            A single one is only a start; then there is no expected image.
 
     Raises:
         ValueError: one is out of range.
@@ -151,7 +151,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is added to the relative distance of the descriptors, Eq. 8-9.
+    """Terms added to the relative distance of the descriptors, Eq. 8-9.
 
     Attributes:
         smoothness: ξ of Eq. 9, on the scale of the distance, see :func:`.priors.smoothness`.
@@ -162,7 +162,7 @@ class Objective:
 
     Raises:
         ValueError: a number is negative or not finite.
-        TypeError: ``priors`` are no priors.
+        TypeError: ``priors`` are not priors.
 
     >>> from nablahog.invert import Objective
     >>> from nablahog.invert.priors import Prior
@@ -204,7 +204,7 @@ class AsPublished:
             reconstruction, "few iterations".
         max_evaluations: operator evaluations per image, and per level, at least 2; by default all that the iterations
             take.  A product with the Jacobian or its transpose counts as half of one.
-        keep_iterates: whether the image after each iteration is returned, too.
+        keep_iterates: whether to return the image after each iteration, too.
 
     Raises:
         ValueError: one is out of range.

@@ -145,7 +145,7 @@ class LearnedPrior(LearnedModel):
     def polarity_confidence(
         self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, votes: Tensor | None = None
     ) -> Tensor:
-        """The probability that images with unsigned descriptors are no negatives.
+        """The probability that images with unsigned descriptors are not negatives.
 
         Args:
             images: (B, 1, H, W), of any contrast.

@@ -130,7 +130,7 @@ def reconstruct_multiscale(
         scales: falling square numbers.
         method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
             enlarged image of the previous level at each other one, whether signed or not.
-        seed: of the noise.
+        seed: the seed of the noise.
         prior: as :func:`.preimage.reconstruct`.  For a signed descriptor it predicts the expected image of the last
             level.  For an unsigned one it predicts that of the first level, if all levels match one descriptor, and
             the details and the polarity of the last level.

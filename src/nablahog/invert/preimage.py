@@ -92,7 +92,7 @@ def reconstruct(
         image_size: (height, width) in pixels; by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``; or ``"fast"``, with fewer evaluations, 80, and a coarser image.
         method: ``"default"``; or ``"paper"``, the paper's own search, whose options an ``invert.AsPublished`` sets.
-        seed: of the initial noise, which is the same for every image of the batch.
+        seed: the seed of the initial noise, which is the same for every image of the batch.
         start: (B, 1, H, W) in 0…1, initial images, of any contrast; by default the integral of the mean gradients.
         expected: (B, 1, H, W) in 0…1, of any contrast: the expected images; then there are no samples and no prior.
         prior: a network trained for such descriptors, which predicts the expected image, and for unsigned ones also

@@ -18,7 +18,7 @@ class Learning:
     Attributes:
         images: the names of the photographs, sorted.
         sha256: :func:`digest_of_images` of them.
-        seed: of everything random.
+        seed: the seed of all random numbers.
     """
 
     images: tuple[str, ...]
@@ -34,7 +34,7 @@ class NetworkLearning(Learning):
         epochs: passes over the photographs.
         losses: the mean loss of each epoch.
         start: SHA-256 of the initial weights, hexadecimal; empty if these were random.
-        precision: of its convolutions and matrix products.
+        precision: the precision of its convolutions and matrix products.
     """
 
     epochs: int

@@ -139,7 +139,7 @@ class _Search(SearchRecord):
     def _accepted(
         self, progress: Callable[[int, int], None] | None, index: Tensor, iterations: Tensor, points: Tensor
     ) -> None:
-        """Keeps and shows the points (A, H·W) of the problems ``index`` after so many iterations."""
+        """Keeps and shows the points (A, H·W) of the problems ``index`` after an iteration."""
         images, most = self.objective.images(points), self.options.iterations
         if self.options.keep_iterates:
             later = torch.arange(most + 1, device=index.device) >= iterations.unsqueeze(1)  # (A, most + 1)

@@ -39,13 +39,13 @@ class Reconstruction(Generic[Values]):
         distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
         stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
         history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
-            that has ended repeats its last.
+            that has ended repeats its last value.
         evaluations: (B,), operator evaluations spent on each image, one value with its gradient; a product of the
             Jacobian or its transpose with a vector is half of one.
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
             :class:`.arguments.AsPublished` asks for them.
-        polarity_confidence: (B,) in 0…1, the probability that the image is no negative, by a learned prior for unsigned
+        polarity_confidence: (B,) in 0…1, probability that the image is not a negative, by a learned prior for unsigned
             descriptors; None without one.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)

@@ -59,7 +59,7 @@ def reconstruct_samples(
         count: K, samples of each descriptor, at least 2.
         prior: a network trained for unsigned descriptors; by default the one that comes with the package.
         quality, search, objective, progress: as in :func:`reconstruct`, for each sample.
-        seed: of the draws; the same for every descriptor of the batch.
+        seed: the seed of the draws; the same for every descriptor of the batch.
 
     Raises:
         TypeError: the descriptor is no float32 or float64 tensor, or there is no prior.

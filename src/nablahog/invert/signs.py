@@ -195,7 +195,7 @@ def brightness_cues(image: Tensor) -> Tensor:
 def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
     """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
 
-    A learned prior's ``confidence`` decides, the probability that an image is no negative; without one, the cues do.
+    A learned prior's ``confidence`` decides, the probability that an image is not a negative; without one, the cues do.
     """
     if confidence is None:
         weights = torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device)

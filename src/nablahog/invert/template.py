@@ -1,6 +1,6 @@
 """Pre-images of a linear detector's template: its weights become a descriptor that an image can have.
 
-A template is no descriptor.  Its weights have both signs, and their size is the importance of a cell, not the strength
+A template is not a descriptor.  Its weights have both signs, and their size is a cell's importance, not the strength
 of its edges.  But an image whose histograms are the template's positive weights has edges where the detector scores
 them, in the same directions, the stronger the more important they are; and that image has a descriptor.
 """
@@ -42,7 +42,7 @@ def template_descriptor(
             (rows, cols, channels).
         spec: their dialect, or the name of a preset with its defaults.
         image_size: (height, width) of the images; by default whole cells.
-        negative: whether negative weights count, not positive ones.
+        negative: whether to use the negative weights instead of the positive ones.
 
     Returns:
         (B, rows, cols, channels), to be inverted by :func:`nablahog.reconstruct` with the same spec and image size.
@@ -99,8 +99,8 @@ def reconstruct_template(
 
     Args:
         weights, spec, image_size, negative: as of :func:`template_descriptor`.
-        seed: of the first search; the others have the next ones.
-        max_evaluations: of each search; by default those of the best quality, or, where there are several, of the fast.
+        seed: the seed of the first search; further searches take the next ones.
+        max_evaluations: for each search; by default as for ``"best"``, or as for ``"fast"`` if there are several.
         progress: called with the evaluations done, and the most there can be.
 
     Returns:

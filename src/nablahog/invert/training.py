@@ -76,14 +76,14 @@ def train_prior(
         spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
         epochs: passes over the images, with one window of each; by default as many as give 90,000 windows in all, or
             300,000 for unsigned descriptors.
-        seed: of everything random.
-        architecture: of the network; by default with 2.2 million weights for signed descriptors, 5.3 million for
+        seed: the seed of all random numbers.
+        architecture: that of the network; by default with 2.2 million weights for signed descriptors, 5.3 million for
             unsigned ones.
         start: a prior for such descriptors, whose weights are trained further; by default random weights.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
             resumed, with the same result.  The file is not removed.
         device: where to compute.
-        precision: of convolutions and matrix products in training; weights and losses are float32 in any case.
+        precision: for convolutions and matrix products in training; weights and losses are float32 in any case.
             ``"bfloat16"`` takes half the time where the processor has instructions for it.  By default float32 on a
             CPU, bfloat16 on a GPU with such instructions.
         progress: called with the steps done, their number, and epoch and loss.
@@ -230,7 +230,7 @@ def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[st
                 part.load_state_dict(state[name])
             return list(state["losses"])
     except (EOFError, LookupError, RuntimeError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} is no checkpoint of a training, or damaged: remove it to start afresh") from error
+        raise ValueError(f"{path} is not a checkpoint of a training, or damaged: remove it to start afresh") from error
     raise ValueError(
         f"{path}: the checkpoint of another training (of other {', '.join(differing)}); finish that one, or remove the "
         "file"

@@ -21,7 +21,7 @@ from .unsigned_network import FINER, UnsignedNetwork, normalised
 
 BATCH = 32
 CELL = 8  # pixels of the cells of a window
-HELD_OUT = 25  # one image of so many is not trained with
+HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
 FEWEST = 8  # images held out, to calibrate the confidence
 
@@ -184,7 +184,7 @@ class UnsignedTraining(WindowTraining):
         return _turned(windows, rng)
 
     def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
-        """By their histograms or, for lossy dialects, their descriptors."""
+        """Votes from the histograms of windows or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
         votes = recover_histograms(hog(windows, spec), spec, size) if spec in LOSSY else histograms(windows, spec)
         return UnsignedNetwork.cell_votes(votes, spec, size)

@@ -103,7 +103,7 @@ class _Regions(nn.Module):
 
 
 class _Polarity(nn.Module):
-    """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are no negatives.
+    """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are not negatives.
 
     A function of the image minus the same function of its negative, so that negating the image negates the log-odds.
     """
@@ -196,7 +196,7 @@ class UnsignedNetwork(PriorNetwork):
     def polarity_confidence(
         self, images: Tensor, descriptor: Tensor, spec: HOGSpec, votes: Tensor | None = None
     ) -> Tensor:
-        """The probabilities (B,) that images (B, 1, H, W) with the descriptors are no negatives."""
+        """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
         _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]), votes)
         coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
         small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
@@ -208,7 +208,7 @@ class UnsignedNetwork(PriorNetwork):
         return regions / 2
 
     def log_odds(self, inputs: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        """The log-odds (B,) that coarse images are no negatives, the mean over the image and its mirror image."""
+        """The log-odds (B,) that coarse images are not negatives, the mean over the image and its mirror image."""
         images = normalised(images)
         odds: Tensor = self.polarity(inputs, regions, images)
         mirrored: Tensor = self.polarity(self.mirrored(inputs), regions.flip(3), images.flip(3))

@@ -30,7 +30,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no archive, is damaged, lacks an array, holds pickled objects, or unpacks to more bytes than
+        ValueError: it is not an archive, is damaged, lacks an array, holds pickled objects, or is larger unpacked than
             :data:`MAX_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
     """
     with _opened(path, kind) as archive:
@@ -40,7 +40,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         raise ValueError(f"{path}: expected a {kind}, but the archive lacks {', '.join(missing)}")
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):  # a member that is no .npy file is read as bytes
-            raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is no array (.npy)")
+            raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is not an array (.npy)")
     return arrays
 
 
@@ -135,7 +135,7 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
 
 
 def numbers_in(path: str | os.PathLike[str]) -> Arrays:
-    """All arrays of numbers of an archive; texts, pickled objects and what is no array are passed over."""
+    """All arrays of numbers of an archive; texts, pickled objects and what is not an array are passed over."""
 
     def unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> Any:
         try:

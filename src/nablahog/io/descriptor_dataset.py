@@ -106,7 +106,7 @@ class DescriptorDataset(Sequence[Row]):
     """The rows of a data set, each read when it is asked for.
 
     Args:
-        url: of its folder.
+        url: its folder.
 
     Raises:
         FileNotFoundError: there is no such folder, or it holds no shard.

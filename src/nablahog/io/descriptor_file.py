@@ -92,10 +92,10 @@ def save_descriptor(
     """Writes a descriptor (rows, cols, channels) of an image of ``image_size`` (height, width) to the file ``path``.
 
     The file is a compressed .npz archive of the arrays ``descriptor``, ``spec`` (its JSON), ``image_size`` and
-    ``format`` (1).  It is replaced whole or not at all.
+    ``format`` (1).  It is replaced completely or not at all.
 
     Args:
-        path: of the file, with any ending.
+        path: the file, with any ending.
         descriptor: (rows, cols, channels), a tensor or an array, float32 or float64, finite; of a tensor its values.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) in pixels.
@@ -117,17 +117,17 @@ def save_descriptor(
 
 
 def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
-    """The descriptor that :func:`save_descriptor` wrote.  Never unpickles, so nothing in the file is ever run.
+    """The descriptor that :func:`save_descriptor` wrote.  Nothing is unpickled, so no code in the file is run.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
         The descriptor (rows, cols, channels) on the CPU, with its spec and the size of its image.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
+        ValueError: it is not such an archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
             descriptor, spec and image size contradict each other.
 
     >>> spec = nablahog.presets.uoctti()

@@ -72,7 +72,7 @@ def _integers(numbers: Any) -> list[int]:
     """Numbers as MATLAB has them, perhaps floating-point; ValueError for a fraction, or what is larger than any."""
     array = np.asarray(numbers, np.float64).reshape(-1)
     if not (np.abs(array) <= MOST).all() or (array != np.floor(array)).any():
-        raise ValueError(f"it holds numbers that are no integers within ±{MOST:,}")
+        raise ValueError(f"it holds numbers that are not integers within ±{MOST:,}")
     return [int(number) for number in array]
 
 
@@ -116,7 +116,7 @@ def _unfolded(model: dict[str, Any]) -> DPMModel:
     if not filters:
         raise ValueError("it has no component")
     if not isinstance(model["class"], str):
-        raise ValueError("its class is no text")
+        raise ValueError("its class is not text")
     return DPMModel(model["class"], _integer(model["sbin"]), tuple(filters))
 
 

@@ -31,7 +31,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """
     path = Path(os.path.realpath(path))  # a link keeps its target
     if path.exists() and not path.is_file():
-        raise FileExistsError(f"{path} cannot be written: it is no regular file")
+        raise FileExistsError(f"{path} cannot be written: it is not a regular file")
     # a random name: in containers and on other hosts, process numbers repeat
     part = path.with_name(f".nablahog-{secrets.token_hex(8)}{PART}")
     try:

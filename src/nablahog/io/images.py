@@ -66,7 +66,7 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no regular file, no picture, truncated or otherwise damaged, has no pixels or more than twice
+        ValueError: it is not a regular file or picture, is damaged, has no pixels or more than twice
             ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
     """
     path = Path(path)
@@ -204,7 +204,7 @@ def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
     smaller; if its proportions are not the camera's, it was cropped, and nothing is known of it.
 
     Args:
-        path: of any format that Pillow reads.
+        path: a file of any format that Pillow reads.
 
     >>> import tempfile
     >>> from pathlib import Path

@@ -81,7 +81,7 @@ class LearnedModel(ABC):
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: it is no such archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
+            ValueError: it is not such an archive, is damaged, lacks an array, holds pickled objects, NaN or Inf, or its
                 arrays contradict each other.
         """
         arrays = read_arrays(path, cls.KIND, ("format", *cls.ARRAYS))

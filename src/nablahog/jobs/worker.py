@@ -26,7 +26,7 @@ _FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
 
 
 class Work(Protocol[R_co]):
-    """Work that can be sent to another process; its result is no text.
+    """Work that can be sent to another process; its result is not text.
 
     If it reads files, it has a method ``files`` that returns their paths, and opens :func:`local_path` of them.
     """

@@ -66,7 +66,7 @@ def available() -> bool:
     return library() is not None
 
 
-# torch.compile shall not trace how a library is found.  This is what torch.compiler.assume_constant_result does once it
+# torch.compile must not trace how a library is found.  This is what torch.compiler.assume_constant_result does once it
 # has loaded torch._dynamo, which takes a second.
 available._dynamo_marked_constant = True  # type: ignore[attr-defined]
 
@@ -143,7 +143,7 @@ def array(*dtypes: type[np.generic]) -> Any:
 
 
 def _address(values: np.ndarray[Any, Any]) -> int:
-    """Of the first element."""
+    """The address of the first element."""
     if values.size and values.flags.writeable:
         buffer: Any = values  # a quarter of the time of the line below
         return ctypes.addressof(ctypes.c_char.from_buffer(buffer))

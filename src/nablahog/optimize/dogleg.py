@@ -65,7 +65,7 @@ class DoglegRules:
         return descent.abs().amax(1) <= self.gradient_tolerance
 
     def too_dear(self, spent: Tensor, halves: int | Tensor) -> Tensor:
-        """Whether so many more half evaluations than were ``spent`` (A,) are beyond the budget, (A,)."""
+        """Whether further half evaluations, after those ``spent`` (A,), exceed the budget, (A,)."""
         return spent + halves > 2 * self.max_evaluations
 
     def short(self, length: Tensor, x: Tensor) -> Tensor:
@@ -235,7 +235,7 @@ def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor
     length = cauchy.norm(dim=1)
     outside = length >= radius
     leg = newton - cauchy
-    # the root of ‖cauchy + t·leg‖ = radius, in the form that subtracts no nearly equal numbers
+    # the root of ‖cauchy + t·leg‖ = radius, in the form that does not subtract nearly equal numbers
     along, room = (cauchy * leg).sum(1), radius.square() - length.square()
     t = room / (along + (along.square() + leg.square().sum(1) * room).sqrt())
     t = torch.where(newton.norm(dim=1) <= radius, 1, t)

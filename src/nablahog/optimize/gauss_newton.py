@@ -100,7 +100,7 @@ def newton_steps(
         solving = solving & (products + 2 <= budget)
         if iteration == iterations or (at_once and not solving.any()):
             break
-        # from the step itself, not from the last error: so rounding does not add up
+        # from the step itself, not from the last error, so that rounding does not accumulate
         residual = descent - jacobian.vjp(image)
         preconditioned = jacobian.precondition(residual)
         now = (residual * preconditioned).sum(1)

@@ -48,7 +48,7 @@ class SearchState(NamedTuple):
 
     @classmethod
     def at_start(cls, values: Numbers, memory: int) -> SearchState:
-        """With the objective's values (A,).  There are no pairs: rows and columns of U⁻¹ are 0, and γ is 1."""
+        """The state at the start, with values (A,).  There are no pairs: rows and columns of U⁻¹ are 0, and γ is 1."""
         stack, zeros = array_namespace(values).stack, array_namespace(values).zeros_like(values)
         row = stack([zeros] * memory, 1)
         square = stack([row] * memory, 1)
@@ -70,7 +70,7 @@ class SearchState(NamedTuple):
 
 
 class Decisions(NamedTuple):
-    """What each of A problems does; one that has ended does nothing.
+    """What each of A problems does next; one that has ended does nothing.
 
     Attributes:
         steps: (A,), the step by which it moves on to its trial point, or 0.
@@ -112,7 +112,7 @@ def decide(
 def _next_trial(
     state: SearchState, stays: Numbers, enough: Numbers, slopes: Numbers, trial_values: Numbers
 ) -> SearchState:
-    """With the next step of those that stay: the last was too short if ``enough``, or too long, (A,) each."""
+    """The state with the next step of those that stay; the last was too short if ``enough``, else too long, (A,)."""
     xp, steps = array_namespace(slopes), state.steps
     lows, highs = xp.where(enough, steps, state.lows), xp.where(enough, state.highs, steps)
     # the minimum of the parabola through both values and the slope; in a bracket bounded from below, its middle

@@ -152,7 +152,7 @@ def dropped_at_once(like: Tensor) -> bool:
 
 
 def as_numbers(tensor: Tensor) -> Numbers:
-    """On a CPU as an array of NumPy, else as it is."""
+    """The tensor, on a CPU as a NumPy array."""
     return tensor.numpy() if dropped_at_once(tensor) else tensor
 
 
@@ -228,7 +228,7 @@ class Running:
                 self.codes = self._xp.where((self.codes == 0) & mask, _CODES[reason], self.codes)
 
     def look(self, x: Tensor, values: Numbers) -> Tensor | None:
-        """On a device now and then: as :meth:`drop`, if problems have ended."""
+        """On a device, every few rounds: drops problems that have ended, as :meth:`drop`."""
         if may_hold(self.codes) if self.at_once else self._rounds % ROUNDS_BETWEEN_LOOKS == 0:
             (codes,) = self.read()
             if codes.any():

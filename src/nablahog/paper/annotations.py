@@ -148,7 +148,7 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no such file, has no viewpoints, or a value is no finite number or out of its range; the
+        ValueError: it is no such file, has no viewpoints, or a value is not a finite number or out of its range; the
             message names the line.
 
     >>> from pathlib import Path

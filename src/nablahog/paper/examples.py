@@ -35,7 +35,7 @@ def _unchanged(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
 
 @dataclass(frozen=True)
 class Condition:
-    """What makes objects harder.
+    """A condition that makes objects harder.
 
     Attributes:
         about: what is hard, a sentence.

@@ -35,7 +35,7 @@ class Row:
     decimal: str = "."
 
     def error(self, column: str, message: str) -> ValueError:
-        """What to raise about the value of a column."""
+        """The error to raise about the value of a column."""
         return ValueError(f"{self.where}, column {column}: {message}")
 
     def text(self, column: str) -> str:
@@ -56,7 +56,7 @@ class Row:
         return number
 
     def numbers(self, columns: Sequence[str], unit: str) -> list[float] | None:
-        """The numbers in some columns; None if all are empty; ValueError if some are, or one is no finite number."""
+        """The numbers in some columns; None if all are empty; ValueError if some are, or one is not a finite number."""
         if all(str(self.values.get(column) or "").strip() == "" and self.values.get(column) != 0 for column in columns):
             return None
         return [self.number(column, unit) for column in columns]

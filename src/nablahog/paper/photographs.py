@@ -18,7 +18,7 @@ from ..runtime.text import unicode_of
 class Photographs:
     """Photographs (H, W) by name, float32 in 0…1, gray by Eq. 1; why others could not be read, by name.
 
-    What is no image file by its ending is ignored.
+    What is not an image file by its ending is ignored.
     """
 
     images: dict[str, Tensor] = field(default_factory=dict)

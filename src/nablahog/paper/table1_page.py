@@ -107,8 +107,10 @@ def _row(line: Line, figure: Callable[[Statistics], object], headings: Mapping[s
 def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence[str] = ()) -> str:
     """The page; ``origin`` says where the images are from, ``remarks`` what else to know, in whole sentences."""
     ignored = table.photographs.ignored
-    passed_over = f" Passed over, as no images by their endings: {', '.join(ignored)}." if ignored else ""
-    text = "These are in no figure above. A further run of the same settings tries them again."
+    passed_over = (
+        f" Skipped, because their names do not end like those of images: {', '.join(ignored)}." if ignored else ""
+    )
+    text = "These are not in the figures above. A further run with the same settings tries them again."
     failures = failures_section(table.failures, "image", text)
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(

@@ -44,7 +44,7 @@ class PoseJob:
 
     @property
     def name(self) -> str:
-        """That of the method."""
+        """The name of the method."""
         return self.method.name
 
     def key(self) -> str:

@@ -16,27 +16,27 @@ from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_fail
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
-    "renderings of CAD models. The figures say in how many percent of the objects the azimuth is right, beside those "
-    "of Table 2 of See the Difference (ICCV 2015)."
+    "renderings of CAD models. The figures are percentages of objects whose azimuth is right, beside those of "
+    "Table 2 of See the Difference (ICCV 2015)."
 )
 
 DEFINITIONS = {
-    "4, 8, 16, 24 views: by interval": "The azimuth is right if it is in the same of so many equal intervals as the "
-    "true one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
+    "4, 8, 16, 24 views: by interval": "The azimuth is right if it is in the same one of that many equal intervals as "
+    "the true one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
     f"{', '.join(f'< {360 / views:g}°' for views in VIEWS)}: by threshold": "The azimuth is right if it differs from "
     "the true one by less.",
-    "median error, error": "Half of the azimuths are off by no more, measured the shorter way round.",
-    "rotation, rotation error": "Of the whole viewpoint: the angle of the rotation from the true azimuth, elevation "
-    "and in-plane rotation to those found (Tulsiani and Malik, CVPR 2015). How many are within π/6 = 30° and "
-    "π/18 = 10°, and the median.",
-    "objects": f"All of them count: where a method has no pose, it is wrong, by {NO_POSE:g}°.",
-    "interval below a figure": f"It holds the figure with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the "
-    "objects with a fixed seed.",
+    "median error, error": "Half of the azimuths are off by at most this, measured the shorter way round.",
+    "rotation, rotation error": "The angle of the rotation from the true viewpoint (azimuth, elevation and in-plane "
+    "rotation) to the estimated one (Tulsiani and Malik, CVPR 2015): the share within π/6 = 30° and π/18 = 10°, "
+    "and the median.",
+    "objects": f"All count: an object without a pose counts as wrong, by {NO_POSE:g}°.",
+    "interval below a figure": f"The 95 % interval: percentile bootstrap, {RESAMPLES:,} resamples of the objects with "
+    "a fixed seed.",
     f"{', '.join(map(str, VIEWS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD "
-    "models. It does not say by which criterion; only by interval the baseline is better than chance at 4 views, so it "
-    "is compared with that.",
-    "seconds": "Median wall time of a method for one object, in a process that computes in one thread and has read the "
-    "models; a process's first object takes longer, while code is compiled or loaded.",
+    "models. It names no criterion. Only by interval does its baseline beat "
+    "chance at 4 views, so we compare by interval.",
+    "seconds": "Median wall time of a method for one object, in a process of one thread that has read the models. The "
+    "first object of a process takes longer, because code is loaded.",
     **{name: method.about for name, method in POSE_METHODS.items()},
 }
 """What each figure, and each method, means, printed under the table."""
@@ -80,7 +80,7 @@ def terminal_conditions(table: Table2) -> list[dict[str, object]]:
 
 
 def _under(condition: str, line: Line, shown: Callable[[Statistics], object]) -> dict[str, object]:
-    """What the terminal and the page show of a method under a condition; ``shown`` makes the cell of an accuracy."""
+    """Figures of a method under a condition for the terminal and the page; ``shown`` makes the cell of an accuracy."""
     return {
         "condition": condition,
         "method": line.method,
@@ -97,7 +97,7 @@ def _percent(of: Statistics) -> html.Shown | None:
 def page(table: Table2, settings: Table2Settings) -> str:
     """The page."""
     lines = table.lines()
-    text = "Where a method failed it counts as wrong above. A further run of the same settings tries it again."
+    text = "A method that failed counts as wrong above. A further run with the same settings tries it again."
     failures = failures_section(table.failures, "object", text)
     return html.page(
         "Table 2: poses from HOG descriptors",
@@ -145,8 +145,8 @@ def _conditions(table: Table2) -> list[html.Section]:
             row[f"rotation ≤ {WITHIN[0]:g}°, %"] = _cell(line.within[WITHIN[0]])
             rows.append({**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds})
     text = (
-        "Fewer objects of the same kind, each time with something that makes them harder; what it is, is said at the "
-        "end. Scenes have exact boxes but for what a condition changes. Figures are those of the first table."
+        "Fewer objects of the same kind, under conditions that are described at the end. Scenes have exact boxes "
+        "unless the condition changes them. Figures are those of the first table."
     )
     panels = []
     for name, examples in table.conditions.items():

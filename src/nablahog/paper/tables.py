@@ -22,7 +22,7 @@ RESAMPLES = 10_000
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of n values: mean, median, and a 95 % interval of one of them; None if there are no values."""
+    """Mean and median of n values, and a 95 % interval of one of the two; None if there are no values."""
 
     mean: float | None
     median: float | None

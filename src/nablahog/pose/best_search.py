@@ -132,7 +132,7 @@ class BestSearch:
         return [view for view in views_elsewhere if view is not None]
 
     def promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
-        """Of ``views``, the best first, those that are nearly as good as the best; for a vote all."""
+        """Those ``views``, the best first, that are nearly as good as the best; all for a vote."""
         if self.voting or not views:
             return views
         least = views[0].score - (1 - _NEARLY) * abs(views[0].score)
@@ -280,6 +280,6 @@ class BestSearch:
         return self._similarity_of(self.problem.models[of.model], of.photograph, fine=fine)
 
     def _similarity_of(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
-        """To a crop; of the kinds only the calibrated one has smaller cells in the last steps."""
+        """The similarity to a crop; only the calibrated kind has smaller cells in the last steps."""
         template = photograph.fine if fine and self.calibrated else photograph.template(self.kind)
         return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)

@@ -83,7 +83,7 @@ def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
     if factor > 1:
         photograph = gray_means(photograph, factor)
     height, width = photograph.shape[1:]
-    # the rest of the variance, in pixels of the means; that of a square of pixels is (factor² - 1) / 12
+    # the remaining variance, in pixels of the means; a square of pixels has (factor² - 1) / 12
     sigma = math.sqrt(max(0.0, (1 / view.zoom**2 - 1) / 4 - (factor**2 - 1) / 12)) / factor
     at = torch.arange(side) + 0.5 - side / 2
     x, y = (each / factor for each in view.to_photograph(at[None, :], at[:, None]))

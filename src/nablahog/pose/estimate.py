@@ -108,8 +108,8 @@ def estimate_pose(
 ) -> PoseEstimate:
     """The pose at which a rendering of a model has the HOG most like the photograph's (Section 3.2).
 
-    The object is cropped, its visual elements become a template, and a search renders the models at poses whose
-    descriptors agree with it better and better.
+    The object is cropped and described.  A search then renders the models at poses whose descriptors agree with it
+    better and better.
 
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, or uint8, one channel or R, G, B; or an array (H, W) or
@@ -117,18 +117,18 @@ def estimate_pose(
         models: normalised meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh; all are
             tried, the best is returned.  Without models of your own, ``nablahog.sample_chairs()`` has chairs of all
             common kinds.
-        box: x0, y0, x1, y1 of the object, pixels.  It may be rough, or cut off, for ``"best"`` with the calibrated
-            similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
-            is, by default as the whole photograph.
+        box: x0, y0, x1, y1 of the object, pixels; by default the object may be anywhere.  ``"best"`` with the
+            calibrated similarity searches around it, so it may be rough or cut off.  All others take the box as it is,
+            by default the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
-        initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
-        within: degrees of azimuth on both sides of the initial one that are searched, by ``"best"`` alone; by
-            default all: the initial azimuth has no influence.
-        focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
-            the EXIF data of a PIL image says, as :func:`nablahog.io.images.read_exif_focal`; by default such that an
-            object that fills its box is seen from three of its diagonals.
+        initial: azimuth and elevation to begin at, degrees, of an object that is nearly upright; by default unknown.
+        within: how far the azimuth may be from the initial one, degrees, for ``"best"`` only.  By default all azimuths
+            are searched, and the initial one has no influence.
+        focal: focal length of the photograph's camera, pixels; then the distance is the true one.  ``"exif"`` takes it
+            from the EXIF data of a PIL image, as :func:`nablahog.io.images.read_exif_focal`.  By default an object that
+            fills its box is assumed to be three of its diagonals away.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
-            default its middle.  Beside it objects look stretched, which the search takes into account.
+            default its middle.  Objects far from it look stretched, which the search takes into account.
         method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
             over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
@@ -139,16 +139,16 @@ def estimate_pose(
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
             :func:`.background.pose_spec`, learned from photographs that come with scikit-image.
         viewpoints: a prior that says from which side an object is seen, for ``"best"`` among several models, see
-            :mod:`.vote`; it counts only where it knows the class that the models are of.  By default
-            that of chairs that comes with the package; None for none.
+            :mod:`.vote`; it counts only if it knows the class of the models.  By default the one for
+            chairs that comes with the package; None for none.
         seed: of the random samples of ``"best"``; the other methods have none.
         progress: called with the models done, their number and the name of the one at work.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
             :func:`.crop.crop_object`.  An exception that it raises ends the search.
 
     Returns:
-        The pose for the photograph, with its camera.  The distance depends on the camera's focal length, which a
-        photograph of one object hardly tells.
+        The pose for the photograph, with its camera.  The distance depends on the camera's focal length, which is
+        hard to tell from one photograph.
 
     Raises:
         TypeError: the photograph is no tensor, array or PIL image, or a model is no mesh.
@@ -203,7 +203,7 @@ def estimate_pose(
         initial=view,
         within=within,
         similarity=similarity,
-        # a default that does not count need not be read
+        # do not read a default that has no influence
         viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
         generator=torch.Generator().manual_seed(int(seed)),
@@ -214,16 +214,16 @@ def estimate_pose(
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
-    """What is known of the camera of a photograph, as it was given and as ``image`` (C, H, W)."""
+    """What is known about the camera of a photograph, both as passed and as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
-            raise ValueError("principal_point says something only of a camera of known focal length: expected focal")
+            raise ValueError("principal_point needs a known focal length: expected focal")
         return Lens(None, None, "assumed")
     source: FocalSource = "exif" if focal == "exif" else "given"
     if source == "exif":
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
-            raise ValueError("focal='exif' needs a PIL image whose EXIF data has a focal length, and that was not cut")
+            raise ValueError("focal='exif' needs a PIL image that was not cut, with a focal length in its EXIF data")
     if (
         isinstance(focal, bool)
         or not isinstance(focal, int | float | np.integer | np.floating)

@@ -141,7 +141,7 @@ def _code() -> str:
 
 
 def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
-    """What :func:`view_descriptors` returns, rendered."""
+    """Renders and describes the views for :func:`view_descriptors`."""
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
     background = white_background(renderer.camera)

@@ -12,7 +12,7 @@ ORDER = 9  # the largest offset in cells of a background: for templates of up to
 
 
 class Lens(NamedTuple):
-    """What is known of a photograph's camera."""
+    """What is known about a photograph's camera."""
 
     focal: float | None  # focal length, pixels; None if unknown
     principal_point: tuple[float, float] | None  # x, y of the optical axis, pixels; None if unknown

@@ -20,10 +20,11 @@ from .result import PoseEstimate
 from .viewpoint_prior import ViewpointPrior
 
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-LEVEL = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation that are tried, where a pose is given
-TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, where nothing is known of the pose
-USUAL = (-10.0, 40.0)  # degrees of elevation that most photographs are taken from
-STEEP, TURNED = 0.03, 0.01  # penalty of calibrated similarity for a degree beyond, and for a degree of rotation
+LEVEL = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation tried when a pose is given
+TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when the pose is unknown
+USUAL = (-10.0, 40.0)  # elevations of most photographs, degrees
+# penalties of the calibrated similarity for each degree beyond these, and for each degree of rotation
+STEEP, TURNED = 0.03, 0.01
 SMALL = 0.5  # penalty for each halving of an object's size in a photograph where it may be anywhere
 
 
@@ -64,7 +65,7 @@ class PoseProblem:
         return torch.cat([self.initial[0] + off[:, None], poses[:, 1:]], dim=1)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
-        """What is subtracted from the similarities of poses (N, 6) for a crop in comparisons, (N,).
+        """Penalties for the similarities of poses (N, 6) for a crop in comparisons, (N,).
 
         Few photographs are from high above, tilted, or of something small.  A pose or box that is given says more.
         """
@@ -132,7 +133,7 @@ class PoseProblem:
 
 
 def view_penalty(elevations: Tensor, tilts: Tensor) -> Tensor:
-    """What is subtracted from the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
+    """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
     low, high = USUAL
     return STEEP * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0)) + TURNED * tilts.abs()
 

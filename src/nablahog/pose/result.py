@@ -28,30 +28,29 @@ class PoseEstimate:
     """A pose of an object in a photograph, and the model that it is for.
 
     Attributes:
-        azimuth: degrees in 0…360 that the camera is turned about the object's vertical axis: 0 sees the front, 90 the
-            object's left.
-        elevation: degrees that the camera is above the object.
-        distance: from the camera to the object's origin, units of the mesh: diagonals of a normalised one's box.
-        theta: degrees that the picture is turned counter-clockwise.
+        azimuth: of the camera around the object's vertical axis, degrees in 0…360: 0 sees the front, 90 the object's
+            left side.
+        elevation: of the camera above the object's horizon, degrees.
+        distance: from the camera to the object's origin, in units of the mesh: of a normalised mesh, its diagonal.
+        theta: counter-clockwise rotation of the picture, degrees.
         x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
-        camera: that these are meant for; it sees the whole photograph, and looks straight at the object.
+        camera: the camera of this pose; it sees the whole photograph, and looks straight at the object.
         model: the name of the best model; "" for a single mesh.
-        similarity: of its rendering to the photograph; of a runner-up that of the coarse descriptor, if the search came
-            no closer.
+        similarity: of the rendering to the photograph; for a runner-up maybe that of the coarse descriptor.
         similarity_kind: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in standard
-            deviations over photographs of anything, one of patches has no unit.
+            deviations over arbitrary photographs, one of patches has no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         box: of the object, pixels: the one given, or the one where it was found.
         confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.vote`; None for similarities
             other than ``"calibrated"`` and methods other than ``"best"``.
-        equivalent_azimuths: others from which the model looks the same, degrees; see :attr:`any_azimuth`.
+        equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.
-        share: of a runner-up, its part of the best pose's similarity; among several models, of the votes for the best
-            one's side.  1 for the best pose itself.
-        renderings: compared with the photograph, cached views included.
+        share: of a runner-up: its similarity divided by the best pose's; among several models, its votes divided by
+            those for the best side.  1 for the best pose itself.
+        renderings: the number that were compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
-        focal_from: where the focal length is from: ``"given"``, ``"exif"``, or ``"assumed"``; then the distance is no
-            true one.
+        focal_from: the source of the focal length, ``"given"``, ``"exif"``, or ``"assumed"``; if assumed, the distance
+            is not the true one.
         principal_point: x, y where the optical axis meets the photograph, pixels; None where the focal length is
             assumed.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
@@ -163,7 +162,7 @@ class PoseEstimate:
         write_text(path, json.dumps(pose_figures(self), indent=1, allow_nan=False) + "\n")
 
     def render_arguments(self, mesh: Mesh) -> tuple[Mesh, Tensor, Camera]:
-        """What :func:`nablahog.render` takes to draw the model exactly over the photograph: mesh, pose (1, 6), camera.
+        """Arguments for :func:`nablahog.render` to draw the model over the photograph: mesh, pose (1, 6), camera.
 
         Where the focal length is assumed these are the mesh itself, :attr:`pose` and :attr:`camera`.  A known camera
         sees an object beside its optical axis a little stretched, as it is in the photograph.
@@ -225,10 +224,10 @@ def _parameters(estimate: PoseEstimate) -> dict[str, float]:
 
 
 def warning(estimate: PoseEstimate) -> str | None:
-    """A sentence if the similarity is no larger than in photographs of something else."""
+    """A sentence if the similarity is no larger than in photographs without the object."""
     if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
         return None
     return (
-        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, as models mostly have it in photographs of "
-        "something else: this pose may mean nothing"
+        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, no higher than in photographs without the "
+        "object: do not trust this pose"
     )

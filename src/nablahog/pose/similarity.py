@@ -4,7 +4,7 @@
   a patch of pixels as an image of its own, so that each patch has its own normaliser, Eq. 7; P_f is the patch of the
   rendering in the same region as P_I;
 * ``calibrated``: ⟨Σ⁻¹(φ(I) − μ), φ(f)⟩ / √(φ(f)ᵀ Σ⁻¹ φ(f)) over the whole window: the score on the photograph of the
-  rendering's linear discriminant Σ⁻¹ φ(f), in its standard deviations over photographs of anything.  Poses and models
+  rendering's linear discriminant Σ⁻¹ φ(f), in its standard deviations over arbitrary photographs.  Poses and models
   can be compared by it, however many edges they show.
 """
 

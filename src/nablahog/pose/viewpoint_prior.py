@@ -66,7 +66,7 @@ class ViewpointLearning:
         scenes: number of them.
         photographs: behind the objects.
         sha256: of the photographs.
-        seed: of everything random.
+        seed: the seed of all random numbers.
         epochs: passes over the scenes.
         losses: the mean loss of each epoch.
     """

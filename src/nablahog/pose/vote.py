@@ -66,7 +66,7 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """What hypotheses are ranked by."""
+        """The score that hypotheses are ranked by."""
         return self.similarity - self.penalty
 
     @property
@@ -80,7 +80,7 @@ class Hypothesis:
         return self.trace[-1][1]
 
     def search_trace(self) -> SearchTrace:
-        """Of the poses so far."""
+        """The trace of the poses so far."""
         azimuths, similarities = zip(*self.trace, strict=True)
         return SearchTrace(self.model, azimuths, similarities)
 
@@ -174,7 +174,7 @@ def runners_up(
 
 
 def _weights(similarities: Tensor) -> Tensor:
-    """Of poses in a vote, (N,), float64."""
+    """Weights of poses in a vote, (N,), float64."""
     return torch.exp((similarities.double() - similarities.max()) / _AGREED)
 
 

@@ -1,4 +1,4 @@
-"""Whitening (exemplar LDA): mean and covariance of HOG templates over photographs of anything, and its inverse.
+"""Whitening (exemplar LDA): mean and covariance of HOG templates over arbitrary photographs, and its inverse.
 
 After Hariharan, Malik and Ramanan ("Discriminative decorrelation for clustering and classification"): the descriptor of
 photographs is taken to be stationary, so that one mean and one covariance per offset between two cells give the mean μ

@@ -62,7 +62,7 @@ class Camera:
 
     Attributes:
         focal: focal length in pixels.
-        height, width: of the image in pixels.
+        height, width: the size of the image in pixels.
 
     Raises:
         ValueError: one of these is not above 0.

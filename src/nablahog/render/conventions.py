@@ -66,7 +66,7 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
 
     Args:
         view: the annotation; angles in degrees, px and py in pixels from 1.
-        height, width: of the image, pixels.
+        height, width: the size of the image, pixels.
 
     Raises:
         ValueError: a number is not finite, or the distance or the focal length is not above 0: coarse viewpoints have
@@ -89,7 +89,7 @@ def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
 
     Args:
         pose: (1, 6), degrees.
-        camera: of the image.
+        camera: the camera of the image.
 
     Raises:
         ValueError: ``pose`` is no finite (1, 6) tensor with a distance above 0.
@@ -120,10 +120,10 @@ def from_pytorch3d(
         rotation: R, (B, 3, 3).
         translation: T, (B, 3): (0, 0, distance), since the camera looks at the origin.
         field_of_view: degrees along the image's shorter side.
-        height, width: of the image in pixels.
+        height, width: the size of the image in pixels.
 
     Raises:
-        ValueError: R is no rotation, T is not (0, 0, distance) with a distance above 0, or not 0 < field_of_view < 180.
+        ValueError: R is not a rotation, T is not (0, 0, distance > 0), or not 0 < field_of_view < 180.
 
     >>> from nablahog.render import from_pytorch3d, pose, to_pytorch3d
     >>> rotation, translation, fov = to_pytorch3d(pose(azimuth=30, distance=3), nablahog.Camera(100, 64, 64))
@@ -157,7 +157,7 @@ def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
 
     Args:
         poses: (B, 6), degrees.
-        camera: of the images.
+        camera: the camera of the images.
 
     Raises:
         ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or its x and y are not 0, which this
@@ -218,7 +218,7 @@ def in_convention(matrix: Tensor, convention: MatrixConvention) -> Tensor:
 def moved_before(
     mesh: Mesh, matrix: Tensor, intrinsics: Tensor, height: int, width: int
 ) -> tuple[Mesh, Tensor, Camera]:
-    """What :func:`.renderer.render` takes to draw a mesh as a pinhole camera sees it: a mesh, a pose (1, 6), a camera.
+    """Arguments for :func:`.renderer.render` to draw a mesh as a pinhole camera sees it: mesh, pose (1, 6), camera.
 
     A renderer's object is on the optical axis; this one is moved within its frame until its origin is.
 
@@ -226,7 +226,7 @@ def moved_before(
         mesh: in the frame that ``matrix`` maps to the camera's.
         matrix: (4, 4), rigid, OpenCV's convention, float64.
         intrinsics: (3, 3), of square pixels, float64.
-        height, width: of the image, pixels.
+        height, width: the size of the image, pixels.
     """
     rotation, translation = matrix[:3, :3], matrix[:3, 3]
     aside = translation * translation.new_tensor([1, 1, 0])

@@ -18,11 +18,11 @@ SPARE_BYTES = 2**26  # that a GLB may unpack to beyond its own size
 MAX_LEVELS = 20 * MAX_NODES  # the number of ancestors, summed over all nodes
 MAX_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of the matrices of all its ancestors
 
-# extensions that change no geometry and hardly any brightness; others may change what numbers mean, as compression does
+# extensions that leave the geometry and nearly all brightness; others, such as compression, change what numbers mean
 _HARMLESS = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp_json_ld")
 _READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
 _NEVER_READ = ("EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_meshopt_compression")  # required or not
-# what the geometry and its brightness are made of; names, for instance, are not, which trimesh repeats
+# what determines geometry and brightness; not names, for instance, which trimesh repeats
 _GLB_PARTS: dict[str, tuple[str, ...] | None] = {  # keys of the header, and of each of their entries (None: all keys)
     **dict.fromkeys(("asset", "scene", "accessors", "buffers", "bufferViews", "images", "textures")),
     "scenes": ("nodes",),
@@ -251,7 +251,7 @@ def _size_of_mesh(mesh: dict[str, Any], accessors: Sequence[dict[str, Any]]) -> 
 def _check_tree(nodes: Sequence[dict[str, Any]]) -> None:
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     if len(parents) < sum(len(node.get("children", ())) for node in nodes):
-        raise ValueError("its nodes are no tree: one has two parents")
+        raise ValueError("its nodes are not a tree: one has two parents")
     levels = 0
     for child in parents:
         depth = 0

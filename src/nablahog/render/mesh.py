@@ -49,10 +49,10 @@ class Mesh:
         faces: (F, 3), int64 in 0…V-1, at least one.
         brightness: (V,), float64 in 0…1: the gray albedo, which light multiplies.
         from_original: (4, 4), float64: maps points of the original, as they are in the file, to those of the vertices;
-            by default nothing was changed.  It is kept through :meth:`normalized` and :func:`load_mesh`.
+            by default the identity.  It is kept through :meth:`normalized` and :func:`load_mesh`.
 
     Raises:
-        ValueError: an array is none of the above.
+        ValueError: an array is not as above.
 
     Source: V and A of Section 3.2, f(V, A, C).
 
@@ -266,7 +266,7 @@ def load_meshes(path: Path) -> dict[str, Mesh]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no such archive, or is damaged.
+        ValueError: it is not such an archive, or is damaged.
     """
     arrays = read_arrays(path, "mesh archive", _ARRAYS)
     with naming(path):

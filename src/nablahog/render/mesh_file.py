@@ -133,7 +133,7 @@ def _beside(path: Path) -> trimesh.resolvers.Resolver:
             if not named.is_relative_to(path.parent.resolve().parent / _IMAGES):
                 named = super().absolute(name)
             if named.exists() and not named.is_file():  # reading a pipe never ends
-                raise ValueError(f"{name} is no regular file")
+                raise ValueError(f"{name} is not a regular file")
             if named.exists():
                 self.left -= named.stat().st_size
             if self.left < 0:

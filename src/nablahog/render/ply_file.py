@@ -201,7 +201,7 @@ def _of_bytes(element: Element, data: bytes, at: int, order: str) -> tuple[Colum
 
 
 def _lengths_of_a_row(element: Element, data: bytes, at: int, order: str) -> list[int]:
-    """How long the lists of a row are; 1 for what is no list."""
+    """How long the lists of a row are; 1 for what is not a list."""
     lengths = []
     for _, kind, length in element.properties:
         count = 1

@@ -44,17 +44,17 @@ class Rendering(NamedTuple):
 
 
 class Renderer:
-    """A mesh under a light before a camera, prepared for many renderings.
+    """A mesh with a light and a camera, prepared for many renderings.
 
-    The topology of the mesh, its edges and smoothing groups, is found here, once, and is not differentiable.
+    The topology of the mesh, its edges and smoothing groups, is computed once, here, and is not differentiable.
 
     Args:
         mesh: on the device where to render.
-        camera: of all images.
-        light: of the scene.
+        camera: the camera of all images.
+        light: the light of the scene.
         method: how edges are drawn and differentiated.  ``"edges"``: anti-aliased, with the exact derivative of the
             covered area, :mod:`.edge_gradient`; ``"opendr"``: as the paper's renderer, :mod:`.pipeline`.
-        supersampling: samples of a pixel along a side, 1 to 16.  The default is the least with accurate derivatives
+        supersampling: samples along a side of a pixel, 1 to 16.  The default is the smallest with accurate derivatives
             (``benchmarks/rendering.py``); 1 and 2 are several times faster, for searches.
 
     Attributes:
@@ -205,7 +205,7 @@ def render(
     method: Method = "edges",
     supersampling: int = SUPERSAMPLING,
 ) -> Tensor:
-    """Renders a mesh at poses: :class:`Renderer`, which prepares the mesh, called once.
+    """Renders a mesh at poses.  For many calls use :class:`Renderer`, which prepares the mesh once.
 
     Args:
         mesh: on the device where to render.

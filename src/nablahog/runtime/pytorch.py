@@ -100,7 +100,7 @@ def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
     """Seeds PyTorch's generators of all devices; afterwards they go on as before."""
-    # devices by name: of more than one that is not, PyTorch warns
+    # devices by name, because PyTorch warns of more than one that is not
     with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
         torch.manual_seed(seed)
         yield

@@ -168,9 +168,9 @@ def page(
     footer: str = "",
     *,
     first: Section | None = None,
-    caption: str = "What the figures mean is said at the end.",
+    caption: str = "The figures are explained at the end.",
 ) -> str:
-    """One HTML page that needs nothing but itself: pictures are inlined, styles follow light and dark mode.
+    """One HTML page in one file: pictures are inlined, styles follow light and dark mode.
 
     Its tables can be sorted by a click on a heading, within the groups of their rows.
 
@@ -178,10 +178,10 @@ def page(
         title, lead, footer: plain text; all text is escaped.
         table: one mapping for each row, all with the keys of the first, which head the columns.  A value may be a
             :class:`Cell` or a :class:`Panel`.  A mapping with a single key is a heading across the table.
-        sections: what follows the table; those with neither pictures nor table are left out.
+        sections: sections after the table; those with neither pictures nor table are left out.
         definitions: what each figure means, printed at the end.
         first: a section above the table.
-        caption: of the table.
+        caption: the caption of the table.
     """
     return _template("page.html").render(
         title=title,

@@ -77,9 +77,9 @@ def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[n
 def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
-    A stroke is perpendicular to the gradient it stands for, so that a vertical edge is a vertical stroke.  Its
-    brightness is the vote; where strokes cross, the brighter one shows.  White is the vote that 5 % of the non-empty
-    cells reach, because globally normalised descriptors have a few votes far above all others.
+    A stroke is perpendicular to its gradient, so a vertical edge is a vertical stroke.  Its
+    brightness is the vote; where strokes cross, the brighter one shows.  Votes that only 5 % of the non-empty
+    cells reach are white, because globally normalised descriptors have a few votes far above all others.
 
     Args:
         descriptor: (rows, cols, channels), tensor or array; values below 0 are drawn as 0.
@@ -91,7 +91,7 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIX
         descriptor, and where cells are left out.
 
     Raises:
-        ValueError: the shape is none of the spec's; ``cell_pixels`` is below 1; or there is no such preset.
+        ValueError: the spec has no descriptor of that shape; ``cell_pixels`` is below 1; or there is no such preset.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(np.eye(64, 48, dtype=np.float32), spec)

@@ -62,9 +62,9 @@ def test_learning(tmp_path: Path, images: str, kind: str, capsys: pytest.Capture
     printed = capsys.readouterr()
     assert printed.err == ""
     *passed_over, summary = printed.out.splitlines()
-    assert passed_over[0].startswith("Passed over: x.png: expected an image")
-    assert kind == "bovw" or passed_over[1].startswith("Passed over: low.png: expected at least ")
-    assert passed_over[-1] == "Passed over, as no images by their endings: notes.txt"
+    assert passed_over[0].startswith("Skipped: x.png: expected an image")
+    assert kind == "bovw" or passed_over[1].startswith("Skipped: low.png: expected at least ")
+    assert passed_over[-1] == "Skipped, because their names do not end like those of images: notes.txt"
     assert re.fullmatch(SUMMARIES[kind].replace("OUT", re.escape(str(out))), summary)
     assert names(out.parent) == [out.name]
     if kind == "background":

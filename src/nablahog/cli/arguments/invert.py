@@ -19,7 +19,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         usage="%(prog)s PHOTO … -o FILE [options]",
         help="compute the descriptors of photographs",
         description="Computes the HOG descriptor of each photograph and saves it with its spec; with -o NAME.parquet, "
-        "those of any number of photographs as one data set, in parallel, resumed when repeated.",
+        "any number of photographs becomes one data set, in parallel; the same command resumes it.",
     )
     command.add_argument(
         "inputs",
@@ -27,7 +27,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         type=options.path,
         metavar="PHOTO",
         help=f"an image of any format that Pillow reads; {SEVERAL}; for a data set also a URL or pattern of fsspec, "
-        "such as s3://bucket/*.jpg, and @FILE with one of these a line",
+        "such as s3://bucket/*.jpg, and @FILE, a list with one of these per line",
     )
     options.output(
         command,
@@ -73,15 +73,17 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         action="store_true",
         help="inputs are the weights of linear detectors, in arrays or DPM models (.mat): show what they look for",
     )
-    options.choice(command, "--quality", get_args(QualityName), "best, or fast: coarser, a sixth of the time")
-    method = "default, or paper: the paper's own, in some twenty times the time"
+    options.choice(
+        command, "--quality", get_args(QualityName), "best, or fast: coarser, with an eighth of the evaluations"
+    )
+    method = "how to search: default, or paper, the paper's own, which is much slower"
     options.choice(command, "--method", get_args(InversionMethod), method)
     prior = "what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)"
     options.file(command, "--prior", "FILE", prior)
     options.number(
         command,
         "--samples",
-        "of unsigned descriptors, find N further answers; where they differ, the descriptor does not tell",
+        "show N other answers to an unsigned descriptor; where they differ, the descriptor leaves it open",
         least=2,
         most=MOST_SAMPLES,
     )

@@ -71,7 +71,7 @@ def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
         except ValueError:
             values = ()
         if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
-            what = f"the numbers {names}" if "," in names else "a number"
+            what = f"{names.count(',') + 1} numbers {names}" if "," in names else "a number"
             raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
         return values
 
@@ -148,9 +148,9 @@ def inputs(command: argparse.ArgumentParser, more: str = "") -> None:
         "--image-size",
         type=image_size,
         metavar="HxW",
-        help="height x width of an array's image; required for an array in one row",
+        help="height x width of an array's image; required if the array is flat",
     )
-    command.add_argument("--key", metavar="NAME", help="name of the array in a file of several")
+    command.add_argument("--key", metavar="NAME", help="name of the array, if the file holds several")
 
 
 def output(command: argparse.ArgumentParser, metavar: str, text: str, *, stdout: bool = False) -> None:
@@ -197,12 +197,12 @@ def preset(command: argparse.ArgumentParser, default: str | None = None) -> None
 
 def size(command: argparse.ArgumentParser, default: int | None = None) -> None:
     """Adds ``--size``; without a ``default``, the command knows whether it was chosen."""
-    text = f"shrink photographs to at most N pixels on the longer side, 0 for never (default: {default or SIZE})"
+    text = f"shrink photographs to at most N pixels on the longer side; 0 keeps their size (default: {default or SIZE})"
     number(command, "--size", text, least=0, default=default)
 
 
 def workers(command: argparse.ArgumentParser) -> None:
-    number(command, "--workers", "processes to work in (default: one for each core)")
+    number(command, "--workers", "number of processes (default: one for each core)")
 
 
 def cluster(command: argparse.ArgumentParser) -> None:
@@ -214,4 +214,4 @@ def cluster(command: argparse.ArgumentParser) -> None:
 
 
 def seed(command: argparse.ArgumentParser) -> None:
-    number(command, "--seed", "of everything random (default: 0)", least=0, default=0)
+    number(command, "--seed", "seed of all random numbers (default: 0)", least=0, default=0)

@@ -68,13 +68,13 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--up",
         type=_axis,
         metavar="AXIS",
-        help="which axis of the models points up, as --up=-z (default: y of OBJ and GLB, else z)",
+        help="the axis of the models that points up, such as --up=-z (default: y for OBJ and GLB, else z)",
     )
     command.add_argument(
         "--front",
         type=_axis,
         metavar="AXIS",
-        help="which axis their front looks along (default: -y with z up, +z with y up)",
+        help="the axis that their front faces (default: -y if z is up, +z if y is up)",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
     command.add_argument(
@@ -82,35 +82,40 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         action="append",
         type=numbers("x0,y0,x1,y1"),
         metavar="x0,y0,x1,y1",
-        help="roughly around the object, in pixels; repeated for several objects (default: anywhere)",
+        help="a rough box around each object, in pixels; repeatable (default: search everywhere)",
     )
-    options.file(command, "--mask", "FILE", "an image, white at the one object, black elsewhere")
+    options.file(command, "--mask", "FILE", "an image, white where the object is, black elsewhere")
     options.file(
         command,
         "--annotations",
         "FILE",
-        "objects: .csv with the column image, and x0, y0, x1, y1, azimuth, elevation if known, or .json like COCO's",
+        "list of objects: .csv with image and, if known, x0, y0, x1, y1, azimuth, elevation; or .json like COCO's",
     )
     options.workers(command)
-    command.add_argument("--init", type=_view, metavar="az,el", help="degrees to begin at, such as --init=-30,10")
+    command.add_argument(
+        "--init",
+        type=_view,
+        metavar="az,el",
+        help="initial azimuth and elevation, such as --init=-30,10",
+    )
     command.add_argument(
         "--within",
         type=_degrees,
         default=180.0,
         metavar="DEGREES",
-        help="of azimuth on both sides of --init, for --method best (default: 180)",
+        help="most that the azimuth may differ from --init (default: 180)",
     )
     command.add_argument(
         "--focal",
         type=_focal,
         metavar="PIXELS",
-        help="focal length in pixels, exif for that of the file, or unknown (default: exif if there, else unknown)",
+        help="focal length in pixels, exif to read it from the file, or unknown (default: exif if the file has it)",
     )
     command.add_argument(
         "--principal-point",
         type=numbers("x,y"),
         metavar="x,y",
-        help="of the optical axis, in pixels (default: the middle)",
+        help="where the optical axis is, in pixels (default: the middle)",
     )
     options.choice(command, "--method", get_args(SearchMethod), f"how to search: {', '.join(get_args(SearchMethod))}")
     command.add_argument(
@@ -118,7 +123,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=_probability,
         default=LEAST_CONFIDENCE,
         metavar="P",
-        help="exit with status 4 if the azimuth is within 15 degrees with a lower probability "
+        help="exit with status 4 if the azimuth is less likely than P to be within 15 degrees "
         f"(default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)

@@ -117,7 +117,7 @@ class SpecOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> SpecOptions:
-        """By the options ``--preset`` and ``--set``."""
+        """Reads the options ``--preset`` and ``--set``."""
         return cls(arguments.preset, tuple(arguments.settings or ()))
 
     def __post_init__(self) -> None:

@@ -44,7 +44,7 @@ def learn(commands: argparse._SubParsersAction[Parser]) -> None:
     command = commands.add_parser(
         "learn",
         help="learn from photographs",
-        description="Learns models from photographs that help to invert descriptors, or to find poses.",
+        description="Learns from photographs what helps to invert descriptors or to find poses.",
     )
     kinds = command.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
     for kind in KINDS:
@@ -67,7 +67,7 @@ def learn(commands: argparse._SubParsersAction[Parser]) -> None:
 def _prior(command: argparse.ArgumentParser) -> None:
     signs = "for all descriptors of signed gradients, such as uoctti, or of unsigned ones, such as paper"
     options.choice(command, "--signs", ("signed", "unsigned"), signs)
-    start = "go on from this prior; 'default' is the one that comes with nablahog"
+    start = "continue the training of this prior; 'default' is the one that comes with nablahog"
     options.file(command, "--start", "FILE", start)
     options.number(command, "--epochs", "passes over the images (default: as many as take an hour or two on two cores)")
 
@@ -86,7 +86,9 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     _table(command, TABLE1, {"dialects": DIALECTS, "dialects-learned": LEARNED_DIALECTS, "published": AS_PUBLISHED})
     options.number(command, "--limit", "only the first N images")
     options.size(command, TABLE1_SIZE)
-    options.number(command, "--max-evaluations", "of the objective, for each image; fewer is faster", least=2)
+    options.number(
+        command, "--max-evaluations", "at most N evaluations of the objective for each image; fewer are faster", least=2
+    )
     command.add_argument(
         "--learned",
         action="append",
@@ -104,8 +106,8 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         usage="%(prog)s [CSV] -o DIR [options]",
         help="compare all methods on objects of known pose",
         description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: the "
-        "page index.html, files of CSV and results.json. The objects are rendered chairs, those of PASCAL3D+, or "
-        "yours. A second table has fewer of them under harder conditions. An interrupted run is resumed when it is "
+        "page index.html, summary.csv and other files. The objects are rendered chairs, those of PASCAL3D+, or "
+        "yours. A second table has fewer objects, under harder conditions. An interrupted run is resumed when it is "
         "repeated.",
     )
     command.add_argument(
@@ -113,18 +115,18 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         nargs="?",
         type=options.path,
         metavar="CSV",
-        help="objects in photographs of your own, one a line: columns image (relative to the file's folder), x0, y0, "
+        help="objects in your own photographs, one per line: columns image (relative to the file's folder), x0, y0, "
         "x1, y1 in pixels, azimuth, elevation, theta in degrees, and model if known (default: scenes)",
     )
     _table(command, TABLE2, {})
-    options.number(command, "--objects", f"how many (default: {SCENES} scenes, or all photographs)")
+    options.number(command, "--objects", f"number of objects (default: {SCENES} scenes, or all photographs)")
     options.file(command, "--models", "DIR", "folder of CAD models (default: procedural chairs)")
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument(
         "--conditions",
         type=options.chosen("conditions", CONDITIONS, {"none": (), "all": CONDITIONS}),
         metavar="NAME,…",
-        help=f"of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
+        help=f"conditions of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
     )
     options.file(
         command, "--viewpoints", "CSV", "viewpoints of the scenes: columns azimuth, elevation, and theta if known"

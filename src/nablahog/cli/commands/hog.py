@@ -200,7 +200,7 @@ def _urls(name: str) -> list[str]:
     links = name.split("::")
     if len(links) == 1:
         return [system.unstrip_protocol(each) for each in images]
-    # of a chain the link that holds the path: a cache passes on that of the store behind it
+    # in a chained URL, the part with the path: a cache uses the path of the store behind it
     at = next((k for k, link in enumerate(links) if link.partition("://")[2].strip("/") == path.strip("/")), 0)
     protocol = links[at].partition("://")[0]
     return ["::".join([*links[:at], f"{protocol}://{each}", *links[at + 1 :]]) for each in images]

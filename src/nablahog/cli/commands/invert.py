@@ -48,7 +48,7 @@ _EXCLUDED = {
     "--cluster": ("--device",),
 }
 """Options that exclude each other."""
-_STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are no pictures
+_STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are not pictures
 
 
 def invert(arguments: Namespace) -> int:

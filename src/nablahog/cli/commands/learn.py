@@ -20,7 +20,7 @@ from ..arguments.presets import SpecOptions
 from ..errors import UserError, as_user_error
 from ..terminal import counter, say, say_ignored
 
-SIZE = 512  # photographs are shrunk to so many pixels on the longer side
+SIZE = 512  # pixels on the longer side that photographs are shrunk to
 
 
 def learn(arguments: Namespace) -> None:
@@ -36,7 +36,7 @@ def learn(arguments: Namespace) -> None:
         options = _options(arguments, spec)
     with output_folder(output.parent), as_user_error():
         for name, reason in photographs.failed.items():
-            say(f"Passed over: {name}: {reason}")
+            say(f"Skipped: {name}: {reason}")
         say_ignored(photographs.ignored)
         with counter(f"nablahog {arguments.command}") as progress:
             model = learner.learn_to(output, photographs.images, spec, progress, **options)

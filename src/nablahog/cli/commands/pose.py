@@ -84,7 +84,7 @@ def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobR
 
 
 def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
-    """What is known of the objects, and their photographs."""
+    """Returns what is known of the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
@@ -93,7 +93,7 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
         objects = [ListedObject(k, unicode_of(photo.name), box, arguments.init) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.init is not None or arguments.mask is not None:
-        raise ValueError("--annotations says which boxes and initial poses: expected no --box, --init or --mask")
+        raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
     objects = read_objects(arguments.annotations)
     return objects, [photo / local_name(one.image) for one in objects]
@@ -103,7 +103,7 @@ def _models(arguments: Namespace) -> Models:
     """The models in the folder or file ``arguments.mesh``, not read yet; none for those of the package."""
     if arguments.mesh is None:
         if arguments.up or arguments.front:
-            raise ValueError("--up and --front say how the files of --mesh lie; the chairs of nablahog need neither")
+            raise ValueError("--up and --front go with --mesh; the chairs of nablahog need neither")
         return Models({}, [])
     if arguments.up is not None:
         axes(arguments.up, arguments.front)
@@ -124,7 +124,10 @@ def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:
         model, reason = next(iter(models.failed.items()))
         first = "no model can be read; the first: " if len(models.paths) > 1 else ""
         raise ValueError(f"{first}{models.paths[model]}: {reason}")
-    for model, reason in (*models.failed.items(), *((other, "no model by its ending") for other in models.ignored)):
+    for model, reason in (
+        *models.failed.items(),
+        *((other, "its name does not end like that of a model") for other in models.ignored),
+    ):
         inform(f"nablahog pose: skipped: {model}: {reason}")
     return readable
 
@@ -138,8 +141,8 @@ def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> i
     refused = sum(one.refused for one in posed)
     if refused:
         inform(
-            f"nablahog pose: refused: {refused} of {len(posed)} have their azimuth within 15 degrees of the true one "
-            f"with a probability below {least_confidence:g}: the object may not be there, or be unlike the model"
+            f"nablahog pose: refused: {refused} of {len(posed)}, with a confidence below {least_confidence:g}: the "
+            "object may be missing, or unlike the model"
         )
     if not all(one.figures for one in posed):
         return SOME_SKIPPED
@@ -171,7 +174,7 @@ class PoseOptions:
 
     @classmethod
     def of(cls, arguments: Namespace, models: Mapping[str, Path]) -> PoseOptions:
-        """By the options of the command of the same names."""
+        """Reads the options of the command with the same names."""
         options = {each.name: getattr(arguments, each.name) for each in fields(cls) if each.name != "models"}
         return cls(tuple((name, path.absolute()) for name, path in models.items()), **options)
 
@@ -187,7 +190,7 @@ class ObjectJob:
 
     @property
     def name(self) -> str:
-        """That of its folder of stored results."""
+        """The name of its folder of stored results."""
         return "poses"
 
     def files(self) -> list[Path]:
@@ -240,7 +243,7 @@ class ObjectJob:
 
 
 def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:
-    """What the options and the photograph's file say of its camera."""
+    """What the options and the photograph's file say about its camera."""
     if isinstance(focal, float):
         return Lens(focal, principal_point, "given")
     pixels = None if focal == "unknown" else read_exif_focal(photo)

@@ -97,7 +97,7 @@ def table2(arguments: Namespace) -> None:
         print_table(table2_page.terminal_conditions(table))
     _say_ran(methods, table)
     for name, reason in passed_over.items():
-        say(f"Passed over: {name}: {reason}")
+        say(f"Skipped: {name}: {reason}")
     say_page(folder / "index.html")
 
 

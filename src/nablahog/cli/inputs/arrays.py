@@ -34,11 +34,11 @@ class ArrayOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> ArrayOptions:
-        """By the options ``--image-size`` and ``--key``."""
+        """Reads the options ``--image-size`` and ``--key``."""
         return cls(arguments.image_size, arguments.key)
 
     def check_unused(self) -> None:
-        """Raises ValueError if an option is set; for commands whose inputs are no arrays."""
+        """Raises ValueError if an option is set; for commands whose inputs are not arrays."""
         for option, value in (("--image-size", self.image_size), ("--key", self.key)):
             if value is not None:
                 raise ValueError(
@@ -121,7 +121,7 @@ class FittingPreset:
         return f"--preset {self.dialect.name}{settings}{size}"
 
     def error(self, array: NDArray[np.floating]) -> float:
-        """Of the dialect's normaliser, relative to the descriptor; infinite where that is too large."""
+        """Relative error of the dialect's normaliser; infinite if the descriptor is too large to check."""
         from ...invert.histograms import normalization_error
 
         of_array = stored(array, self.dialect.spec(), self.how)
@@ -152,7 +152,7 @@ def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[Fi
             for size in SIZES if guessed else (image_size,):
                 windows = name == "opencv" and size not in (None, window_of(name, {}))
                 chosen = (("win_size", as_text(size[::-1])),) if windows and size else settings
-                with suppress(ValueError):  # some are no window of OpenCV
+                with suppress(ValueError):  # some are not a window of OpenCV
                     options = SpecOptions(name, chosen)
                     how = _own(shape, options.spec(), size)
                     if how is not None:

@@ -171,8 +171,8 @@ def read_inputs(
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
-    Photographs are shrunk to ``arguments.size`` pixels on the longer side, 0 for never, None for :data:`SIZE`, with a
-    line on stderr.
+    Photographs are shrunk to ``arguments.size`` pixels on the longer side (0: never; None: :data:`SIZE`),
+    and a line on stderr says so.
 
     Args:
         arguments: of the command.
@@ -198,7 +198,7 @@ def read_inputs(
 
     sources = read_each(expanded, read)
     if reader.shrunk:
-        which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} photographs are"
+        which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} of the photographs were"
         inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
         with as_user_error():

@@ -49,7 +49,7 @@ class PriorOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> PriorOptions:
-        """By the option ``--prior``."""
+        """Reads the option ``--prior``."""
         if arguments.prior in (None, NO_PRIOR):
             return cls(None, arguments.prior is None)
         with as_user_error():
@@ -88,7 +88,7 @@ class InversionOptions:
 
     @classmethod
     def of(cls, arguments: Namespace) -> InversionOptions:
-        """By the options of the command of the same names."""
+        """Reads the options of the command with the same names."""
         return cls(**{each.name: getattr(arguments, each.name) for each in fields(cls)})
 
 
@@ -103,7 +103,7 @@ class Inversion:
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
-        polarity: the learned prior's probability that the pre-image is no negative, 0.5 of templates; None of signed
+        polarity: the learned prior's probability that the pre-image is not a negative, 0.5 of templates; None of signed
             descriptors, and without a prior.
         samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.

@@ -12,7 +12,7 @@ from .inversion import Inversion
 SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
 TITLE = "Images from HOG descriptors"
 LEAD = (
-    "Each image was found from a HOG descriptor alone. A photograph is not an input of the inversion; where there is "
+    "Each image was found from a HOG descriptor alone. A photograph is not an input of the inversion; if there is "
     "one, it is shown for comparison. HOG contains neither colour nor brightness, so the pre-image is gray, and is "
     "compared with the gray photograph. In the difference, middle gray means equal. Many images have nearly the same "
     "descriptor; a learned prior chooses one that looks like a photograph, unless --prior none was given."
@@ -20,14 +20,14 @@ LEAD = (
 TEMPLATES = (
     "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
     "negative ones which speak against it. Each image was found from the weights of one sign alone: its histograms are "
-    "their squares, so that the larger a weight, the stronger its edge."
+    "their squares, so a larger weight gives a stronger edge."
 )
 POLARITY = (
-    "Probability, by the learned prior, that the pre-image is not a negative; of templates, which leave it open, 0.5. "
-    "There is none without a prior, and for descriptors that tell bright from dark."
+    "Probability, by the learned prior, that the pre-image is not a negative; 0.5 for templates, which leave it open. "
+    "There is none without a prior, or for descriptors that tell bright from dark."
 )
-SAMPLES = "Samples agree by the mean magnitude of the correlations of two of them"
-SECONDS = "Wall time of the search; if one search was for several inputs, an equal share of it."
+SAMPLES = "Agreement of the samples, the mean magnitude of the correlations of two of them"
+SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
 
 
 def page(

@@ -29,19 +29,19 @@ _SIDES = ("x0", "y0", "x1", "y1")
 
 DEFINITIONS = {
     "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
-    "azimuth": "Degrees that the camera is turned about the object's vertical axis: 0 sees the front, 90 the side that "
-    "is on the object's left, which is the viewer's right.",
-    "elevation": "Degrees that the camera is above the object.",
-    "theta": "Degrees that the picture is turned counter-clockwise.",
+    "azimuth": "Of the camera around the object's vertical axis, in degrees: 0 sees the front, 90 the object's left "
+    "side.",
+    "elevation": "Of the camera above the object's horizon, in degrees.",
+    "theta": "Counter-clockwise rotation of the picture, in degrees.",
     "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
-    "depends on the focal length: one photograph hardly determines both.",
+    "depends on the focal length, which is hard to tell from one photograph.",
     "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
-    "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: such that an object that fills "
-    "its box is 3 of its diagonals away, so that distances are no true ones.",
+    "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: an object that fills its "
+    "box is taken to be 3 of its diagonals away, so distances are not the true ones.",
     "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
-    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. Where the focal length "
+    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. If the focal length "
     "is assumed, the principal point is that of a camera that looks straight at the object.",
     "matrix_world": "From the camera's frame (OpenGL's: y up, it looks along -z) to a world with z up, in which the "
     "model is as Blender imports its file: Blender's matrix_world of the camera.",
@@ -51,8 +51,8 @@ DEFINITIONS = {
     "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
     "looks the same, as measured on rendered scenes and photographs.",
     "runners_up": "The best poses from other sides; share: of the best pose's similarity, or of its side's votes.",
-    "renderings": "How many the search has compared, of all candidates.",
-    "seconds": "Wall time of the search; the first in a process takes longer, while code is loaded.",
+    "renderings": "The number of renderings that the search compared, of all candidates.",
+    "seconds": "Wall time of the search; the first in a process takes longer, because code is loaded.",
 }
 """What the figures mean."""
 
@@ -73,7 +73,7 @@ class PosedObject:
 
     @classmethod
     def of(cls, listed: ListedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
-        """That of an object and the result of its :class:`.pose.ObjectJob`."""
+        """Combines an object with the result of its :class:`.pose.ObjectJob`."""
         if isinstance(result, str):
             return cls(listed, failure=result)
         figures = dict(result.figures[0])

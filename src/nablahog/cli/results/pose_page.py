@@ -80,7 +80,7 @@ def pose_page(
     mind = warning(estimate)
     return html.page(
         f"Pose of {name}",
-        LEAD if mind is None else f"{LEAD} Mind that {mind}.",
+        LEAD if mind is None else f"{LEAD} Note: {mind}.",
         [row],
         sections,
         {key: text for key, text in DEFINITIONS.items() if key in row},

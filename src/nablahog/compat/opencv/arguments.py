@@ -1,6 +1,6 @@
 """Checks of OpenCV's arguments, which takes what its bindings for Python take: other types raise TypeError.
 
-Numbers are Python's or NumPy's scalars, never arrays of one entry; a truth value is no number.  None is the default.
+Numbers are Python's or NumPy's scalars, never arrays of one entry; a truth value is not a number.  None is the default.
 """
 
 from __future__ import annotations

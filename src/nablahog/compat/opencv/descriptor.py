@@ -97,7 +97,7 @@ class HOGDescriptor(Parameters):
             (windows * descriptor size,), float32.  Zeros for windows of ``locations`` beyond the padded image.
 
         Raises:
-            TypeError: the image is no array of uint8, or an argument is not of integers.
+            TypeError: the image is not an array of uint8, or an argument is not of integers.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         padded, corners = placed(*self._arguments(img, winStride, padding, "locations", locations))
@@ -130,7 +130,7 @@ class HOGDescriptor(Parameters):
             uint8.  ``cv2.UMat`` if one of the arguments is one.
 
         Raises:
-            TypeError: the image is no array of uint8, or a padding is not of integers.
+            TypeError: the image is not an array of uint8, or a padding is not of integers.
             ValueError: the image is of another shape, no pixel of it is left, or an array cannot be written to.
         """
         before, left, top = arguments.margins("paddingTL", paddingTL)
@@ -175,7 +175,7 @@ class HOGDescriptor(Parameters):
             none, as in OpenCV, or if there is no detector.
 
         Raises:
-            TypeError: the image is no array of uint8, or an argument is of another type.
+            TypeError: the image is not an array of uint8, or an argument is of another type.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         threshold = arguments.number("hitThreshold", hitThreshold, 0)
@@ -221,7 +221,7 @@ class HOGDescriptor(Parameters):
             score, or the density; two empty tuples for none, as in OpenCV, or if there is no detector.
 
         Raises:
-            TypeError: the image is no array of uint8, or an argument is of another type.
+            TypeError: the image is not an array of uint8, or an argument is of another type.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         pixels, step = arguments.image(img), arguments.stride(winStride, self.blockStride)
@@ -268,7 +268,7 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
         (B,), float64 for images of float64, else float32.
 
     Raises:
-        TypeError: the images are no tensor of these dtypes.
+        TypeError: the images are not a tensor of these dtypes.
         ValueError: the descriptor has no detector, or images are of another size.
 
     >>> from nablahog.compat.opencv import HOGDescriptor, score

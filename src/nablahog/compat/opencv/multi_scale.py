@@ -38,7 +38,7 @@ def _axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int3
 
 
 def levels(size: Size, window: Size, scale: float, most: int) -> list[float]:
-    """By how much an image of (width, height) is made smaller: at least once 1, and as long as a window fits in."""
+    """Factors by which an image of (width, height) is shrunk: 1 first, then further ones while a window fits."""
     scales = [1.0]
     while scale > 1 and len(scales) < most:
         next_ = scales[-1] * scale

@@ -66,7 +66,7 @@ class Constants(ctypes.Structure):
 
 
 class Scheme(NamedTuple):
-    """What describes windows of one dialect.
+    """Describes the windows of one dialect.
 
     Attributes:
         spec: the dialect.
@@ -91,7 +91,7 @@ class Scheme(NamedTuple):
 
 
 def scheme(window: Size, spec: HOGSpec) -> Scheme:
-    """Of windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
+    """The scheme for windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
     assert isinstance(spec.pooling, BlockCells)
     assert isinstance(spec.normalizer, BlockNorm)
     (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer
@@ -127,7 +127,7 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
     squared = np.square(both).sum(axis=0)
     first, last = squared.argmax(axis=2), squared.shape[2] - 1 - squared[..., ::-1].argmax(axis=2)
     width = squared.shape[1]
-    # of equals the first channel, but in the last columns, which OpenCV computes one by one, the last one
+    # among ties the first channel, but the last one in the last columns, which OpenCV computes one by one
     winner = np.where(np.arange(width) < width // 4 * 4, first, last)
     return np.take_along_axis(both, winner[None, ..., None], axis=3)[..., 0]
 

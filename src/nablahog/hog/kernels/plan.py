@@ -82,7 +82,7 @@ class Axis(NamedTuple):
 
 
 def pooling_axes(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Axis, Axis]:
-    """Of the rows and the columns of images of that size, with weights in float32 or float64."""
+    """The axes of rows and columns for images of this size, with weights in float32 or float64."""
     rows, cols = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype, device="cpu"))
     return _axis(rows.numpy()), _axis(cols.numpy())
 
@@ -136,7 +136,7 @@ class NormPlan:
         self.address = ctypes.addressof(self.struct)
 
     def _address(self, values: npt.ArrayLike, dtype: Any) -> int:
-        """Of an array that lives as long as the plan."""
+        """The address of an array that lives as long as the plan."""
         array = np.ascontiguousarray(values, dtype)
         self._alive.append(array)
         return int(array.ctypes.data)

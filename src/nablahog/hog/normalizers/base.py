@@ -26,15 +26,15 @@ class Footprint(NamedTuple):
     margin: int = 0
 
     def count(self, cells: int) -> int:
-        """Entries of so many cells; below 1 if there is none."""
+        """The number of entries along ``cells`` cells; below 1 if there is none."""
         return (cells - 2 * self.margin - self.extent) // self.step + 1
 
     def cells(self, count: int) -> int:
-        """The fewest cells with so many entries."""
+        """The least number of cells that makes a given number of entries."""
         return (count - 1) * self.step + self.extent + 2 * self.margin
 
     def covers(self, cells: int) -> list[bool]:
-        """Of so many cells, whether each is in an entry."""
+        """For each of a number of cells, whether it is in an entry."""
         end = self.margin + self.count(cells) * self.step - self.step + self.extent
         return [self.margin <= cell < end and (cell - self.margin) % self.step < self.extent for cell in range(cells)]
 
@@ -70,7 +70,7 @@ class Normalizer(ABC):
         check_fields(self)
 
     def check(self, bins: int, signed: bool) -> None:  # noqa: B027
-        """Raises ValueError unless it goes with so many orientation bins, signed or not."""
+        """Raises ValueError unless it fits this number of orientation bins, signed or not."""
 
     @abstractmethod
     def channels(self, bins: int, signed: bool) -> int:
@@ -90,7 +90,7 @@ class Normalizer(ABC):
 
     @abstractmethod
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        """What each channel of one colour is, for readers.
+        """Names of the channels of one colour, for readers.
 
         Args:
             bins: what each bin is.
@@ -99,7 +99,7 @@ class Normalizer(ABC):
 
     @abstractmethod
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
-        """What a descriptor has of each cell's histogram: (B, channels, rows, cols) to (B, bins, rows, cols) of cells.
+        """Entries that belong to each cell's histogram: (B, channels, rows, cols) to (B, bins, rows, cols) of cells.
 
         Cells that are in no entry are not there.
         """
@@ -161,5 +161,5 @@ def root(values: Tensor) -> Tensor:
 
 
 def clipped(entries: Tensor, clip: float) -> Tensor:
-    """At most ``clip``; where equal, with the mean of the one-sided derivatives, which ``clamp`` has not."""
+    """Clips at ``clip``, with the mean of the one-sided derivatives there, unlike ``clamp``."""
     return entries.minimum(entries.new_full((), clip))  # a number that is made on the device

@@ -133,7 +133,7 @@ class FourBlockNorm(Normalizer):
         return torch.cat([made[part]() for part in self.parts], dim=1)
 
     def _block_factors(self, undirected: Tensor) -> Tensor:
-        """What the blocks up-left, up-right, down-left, down-right of each cell multiply it with: (B, 4, 1, r, c)."""
+        """Factors of each cell from its blocks up-left, up-right, down-left, down-right: (B, 4, 1, r, c)."""
         import torch
 
         def repeat_edge(x: Tensor, dim: int) -> Tensor:
@@ -190,7 +190,7 @@ class FourBlockNorm(Normalizer):
         return "directed" in self.parts
 
     def bin_weights(self, weights: Tensor, bins: int, signed: bool) -> Tensor:
-        """Of directed and undirected channels together."""
+        """Weights of directed and undirected channels together."""
         import torch
 
         entries = self.cell_entries(weights, bins, signed)

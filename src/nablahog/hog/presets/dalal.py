@@ -122,19 +122,19 @@ def skimage(
     channel_axis: int | None = None,
     value_range: float = 255.0,
 ) -> HOGSpec:
-    """What ``skimage.feature.hog`` returns (``feature/_hog.py``), with the names of its parameters.
+    """The descriptor that ``skimage.feature.hog`` returns (``feature/_hog.py``), with the names of its parameters.
 
     Args:
         orientations: bins over 180°.
         pixels_per_cell: (height, width).
         cells_per_block: (rows, cols).
         block_norm: ``"L1"``, ``"L1-sqrt"``, ``"L2"`` or ``"L2-Hys"``.
-        transform_sqrt: whether the root of the image is described.
+        transform_sqrt: whether to take the square root of the image first.
         feature_vector: whether the native layout is one row, or (rows, cols, rows of cells, columns of cells, bins).
-        channel_axis: None for gray images, to which Eq. 1 makes one of several channels; of any other value, which
-            does not count here, the channel of largest gradient.
-        value_range: 255 for what scikit-image finds for images of 8 bits, 1 for images in 0…1: its ε is absolute.  Of
-            the latter, rounding decides ties of colours and bins; :func:`nablahog.compat.skimage.hog` rounds alike.
+        channel_axis: None: images are gray, and several channels become gray by Eq. 1.  Any other value: the channel
+            of largest gradient; the value itself has no influence.
+        value_range: 255 to match scikit-image on images of 8 bits, 1 on images in 0…1, because its ε is absolute.  In
+            0…1, rounding decides ties of colours and bins; :func:`nablahog.compat.skimage.hog` rounds alike.
 
     Raises:
         ValueError: a parameter is out of its range, as :class:`nablahog.HOGSpec` says.
@@ -171,10 +171,10 @@ def opencv(
     gamma: bool = True,
     signed: bool = False,
 ) -> HOGSpec:
-    """What ``cv2.HOGDescriptor.compute`` returns of one window (``hog.cpp``).  Sizes are (width, height), as there.
+    """The descriptor of ``cv2.HOGDescriptor.compute`` for a window (``hog.cpp``).  Sizes are (width, height), as there.
 
-    An image is one window, of any size that holds a block.  Channels are in the order of the array; it decides which
-    of two of equal gradient counts.
+    An image is one window, of any size that holds a block.  Channels are in the order of the array, which decides
+    ties of gradients.
 
     Args:
         win_size: pixels of the window that the other sizes must suit.
@@ -183,7 +183,7 @@ def opencv(
         cell_size: pixels of a cell.
         nbins: bins over 180°, or 360° if signed.
         win_sigma: of the Gaussian over a block, pixels; 0 or less: a quarter of the mean of its sides.
-        l2hys_threshold: the clip.  OpenCV keeps the first one of a process for all descriptors to come.
+        l2hys_threshold: the clip.  OpenCV keeps the first one of a process for all later descriptors.
         gamma: ``gammaCorrection``, the root of all values; on by default in OpenCV if no size is given.
         signed: ``signedGradient``.
 
@@ -233,7 +233,7 @@ def maskfeat(
     gaussian_window: int = 16,
     layout: Literal["colour-planes", "tokens"] = "colour-planes",
 ) -> HOGSpec:
-    """What MaskFeat's ``HOGLayerC`` returns (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
+    """The descriptor of MaskFeat's ``HOGLayerC`` (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
 
     Args:
         cell_size: ``pool``, pixels of a cell.

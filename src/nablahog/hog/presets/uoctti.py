@@ -105,9 +105,9 @@ def vlfeat(
     orientations: int = 9,
     bilinear_orientations: bool = False,
 ) -> HOGSpec:
-    """What VLFeat's ``vl_hog`` returns (``vl/hog.c``), in (channels, rows, cols).
+    """The descriptor that VLFeat's ``vl_hog`` returns (``vl/hog.c``), in (channels, rows, cols).
 
-    For images in rows, as in C and in cyvlfeat with ``transposed=False``; MATLAB's has its axes exchanged.
+    For images in rows, as in C and in cyvlfeat with ``transposed=False``; MATLAB's has the axes exchanged.
 
     Args:
         variant: ``"uoctti"``, 3n + 4 channels; ``"dalaltriggs"``, 4n: the folded histogram, clipped, for each of the
@@ -142,7 +142,7 @@ def vlfeat(
 
 
 def dpm(cell_size: int = 8) -> HOGSpec:
-    """What ``features.cc`` of voc-release5 returns, and HOGgles works with: 18 + 9 + 4 channels and a zero.
+    """The descriptor of ``features.cc`` in voc-release5, which HOGgles uses, too: 18 + 9 + 4 channels and a zero.
 
     Grids have two rows and columns less than the image has cells.
 
@@ -167,7 +167,7 @@ def dpm(cell_size: int = 8) -> HOGSpec:
 
 
 def dlib(cell_size: int = 8) -> HOGSpec:
-    """What dlib's ``extract_fhog_features`` returns (``fhog.h``), without padding, in (31, rows, cols).
+    """The descriptor that dlib's ``extract_fhog_features`` returns (``fhog.h``), without padding, in (31, rows, cols).
 
     Of two channels with the same gradient magnitude it takes the last in columns that it does eight at a time, the
     first in those left.  A build without vector instructions has other ties.
@@ -199,7 +199,7 @@ def dlib(cell_size: int = 8) -> HOGSpec:
 
 
 def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HOGSpec:
-    """What Piotr Dollár's ``fhog`` computes (``channels/private/gradientMex.cpp``): 3n + 4 channels and a zero.
+    """The descriptor of Piotr Dollár's ``fhog`` (``channels/private/gradientMex.cpp``): 3n + 4 channels and a zero.
 
     From reading; it was not run.  His arccosine comes from a table with steps of 1e-4, so that a gradient beside the
     boundary of two bins may be in the other.
@@ -267,7 +267,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
 
 
 def seeing3d(cell_size: int = 5) -> HOGSpec:
-    """What ``features.cc`` of Aubry et al. ("Seeing 3D chairs") returns: 9 contrast-insensitive channels, ε = 0.1.
+    """The descriptor of ``features.cc`` by Aubry et al. ("Seeing 3D chairs"): 9 contrast-insensitive channels, ε = 0.1.
 
     Their search pads it with one empty cell on each side.  From reading; it was not run.  :func:`aubry` is what poses
     are found with here.

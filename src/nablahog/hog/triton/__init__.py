@@ -49,7 +49,7 @@ def _say_once(why: str) -> None:
 
 
 def _traceable(cached: Any) -> Any:
-    """What is behind a cache where ``torch.compile`` traces, for it warns of caches."""
+    """The function behind a cache while ``torch.compile`` traces, because it warns of caches."""
     return cached.__wrapped__ if torch.compiler.is_compiling() else cached
 
 

@@ -57,7 +57,7 @@ def _row(pixels, y, columns, size, strides, READING: tl.constexpr, REAL: tl.cons
 
 @triton.jit
 def _around(above, row, below, d: tl.constexpr, READING: tl.constexpr):
-    """What the gradients of the lanes' pixels of one column are made of, from three rows."""
+    """The neighbours, in three rows, of the lanes' pixels of one column."""
     described: tl.constexpr = READING.channels
     arounds = ()
     for k in tl.static_range(described):
@@ -106,7 +106,7 @@ def _for_both(low, of_low, of_after):
 
 @triton.jit
 def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
-    """Of pixels: bins and the votes for them, of linear votes as :func:`_for_both` returns them."""
+    """Bins of pixels and the votes for them; linear votes as :func:`_for_both` returns them."""
     if VOTING.exact:
         votes = votes_of_even_and_odd(gx, gy, VOTING)
     else:

@@ -57,7 +57,7 @@ def _channel(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl
 
 @triton.jit
 def value(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
-    """Of one channel, or the average of all: added in the order of the reference, so that a flat area stays flat."""
+    """Values of one channel, or the average of all, added in the reference's order, so that flat areas stay flat."""
     stored: tl.constexpr = READING.stored
     if READING.averaged:
         total = READING.weights[0] * _channel(at, strides, 0, READING, REAL)
@@ -138,7 +138,7 @@ def gradients(arounds, y, x, size, last_wins, READING: tl.constexpr, REAL: tl.co
 
 @triton.jit
 def around(pixels, y, x, size, strides, READING: tl.constexpr, REAL: tl.constexpr):
-    """What :func:`gradients` takes of a tile of pixels; of those beyond the image it is that of the nearest inside."""
+    """The neighbours of a tile of pixels for :func:`gradients`; beyond the image, those of the nearest pixel inside."""
     described: tl.constexpr = READING.channels
     y, x = tl.minimum(tl.maximum(y, 0), size[0] - 1), tl.minimum(tl.maximum(x, 0), size[1] - 1)
     unread = tl.zeros((y + x).shape, REAL)
@@ -168,7 +168,7 @@ def _shifted(tile, SHIFT: tl.constexpr, AXIS: tl.constexpr):
 
 @triton.jit
 def _difference_vjp(grad, place, count, AXIS: tl.constexpr, READING: tl.constexpr):
-    """Of values, from gradients of the differences along an axis, each times its factor at the border."""
+    """Gradient of the values from that of the differences along an axis, each times its factor at the border."""
     to = _shifted(grad, -1, AXIS) - _shifted(grad, 1, AXIS)
     if READING.border_factor != 0 and READING.border_is_own:  # the value beyond is the outermost pixel's own
         to = to - tl.where(place == 0, grad, 0.0) + tl.where(place == count - 1, grad, 0.0)
@@ -177,7 +177,7 @@ def _difference_vjp(grad, place, count, AXIS: tl.constexpr, READING: tl.constexp
 
 @triton.jit
 def _smoothed_vjp(grad, place, count, AXIS: tl.constexpr):
-    """Of [1, 2, 1] along an axis of a mirrored image: the outermost pixels have one neighbour twice."""
+    """The vjp of [1, 2, 1] along an axis of a mirrored image: outermost pixels have one neighbour twice."""
     of_before, of_after = tl.where(place == 1, 2, 1), tl.where(place == count - 2, 2, 1)
     own = tl.where(count == 1, 4, 2)
     return own * grad + of_before * _shifted(grad, -1, AXIS) + of_after * _shifted(grad, 1, AXIS)

@@ -63,7 +63,7 @@ class Voting(NamedTuple):
 
 
 def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
-    """Of images of so many channels, stored as bytes or floats; one where colours are separate; not ``wide``."""
+    """How to read images with ``channels`` channels (one if colours are separate), bytes or floats; not ``wide``."""
     channels = 1 if spec.colour == "separate" else channels
     averaged, weights = channel_weights(spec, channels)
     border = BORDERS[spec.border]
@@ -136,7 +136,7 @@ class Axis(NamedTuple):
 
 
 def _extents(matrix: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Of each row, the first entry that is not 0 and the one after the last; 0 and 0 if there is none."""
+    """For each row, the first nonzero entry and the one after the last; 0 and 0 if there is none."""
     some = matrix != 0
     first, last = some.argmax(axis=1), some.shape[1] - some[:, ::-1].argmax(axis=1)
     return np.where(some.any(axis=1), first, 0), np.where(some.any(axis=1), last, 0)
@@ -149,7 +149,7 @@ def _reach(matrix: npt.NDArray[Any]) -> int:
 
 
 def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int]] | None:
-    """Of bands of at most so many pixels, the first pixel and the one after the last; None if they would be longer."""
+    """First pixel, and the one after the last, of bands of limited length; None if they would be longer."""
     first, last = _extents(matrix.T)
     bands = [[0, 0] for _ in range(len(matrix) + reach - 1)]
     band = 0
@@ -191,13 +191,13 @@ def _bands(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], devic
 
 
 def columns_at_once(bands: Bands, registers: int) -> int:
-    """That a lane reads of its band, if the values of a pixel take so many registers."""
+    """Columns of its band that a lane reads at once, if a pixel takes ``registers`` registers."""
     most = 8 if registers == 1 else 4
     return next(n for n in _COLUMNS if n <= most and bands.longest % n == 0)
 
 
 def _gather(matrix: npt.NDArray[Any], device: torch.device) -> Gather:
-    """Of a matrix (cells, pixels)."""
+    """The tables for a matrix (cells, pixels)."""
     reach = _reach(matrix)
     first = np.minimum(_extents(matrix.T)[0], len(matrix) - reach)  # all of them are cells
     weights = np.take_along_axis(matrix.T, first[:, None] + np.arange(reach), axis=1)
@@ -209,7 +209,7 @@ def _tensor(array: npt.NDArray[Any], device: torch.device) -> Tensor:
 
 
 def _axis(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], device: torch.device) -> Axis:
-    """Of a matrix (cells, pixels)."""
+    """The tables for a matrix (cells, pixels)."""
     voting = np.flatnonzero(matrix.any(axis=0))
     span = (int(voting[0]), int(voting[-1]) + 1) if len(voting) else (0, 0)
     return Axis(len(matrix), _bands(matrix, reach, at_once, device), _gather(matrix, device), span)
@@ -228,12 +228,12 @@ class Plan(NamedTuple):
 
 @lru_cache(maxsize=64)
 def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype, device: torch.device) -> Plan:
-    """Of images (…, channels, height, width), computed in float32 or float64, ``real``."""
+    """The plan for images (…, channels, height, width), computed in ``real``, float32 or float64."""
     channels, height, width = shape[-3:]
     spec.grid(height, width)  # raises if it is too small
     of_rows, of_cols = (m.numpy() for m in pooling_matrices(spec, height, width, torch.empty(0, dtype=real)))
     high, wide = _reach(of_rows), _reach(of_cols)
-    # all cells that a pixel votes into at once if their sums fit into registers; or some, and pixels are read again
+    # all cells that a pixel votes into, at once if their sums fit into registers; otherwise pixels are read again
     numbers = _MOST_REGISTERS // (real.itemsize // 4) // spec.bins
     high = high if high * wide <= numbers else 1
     wide = wide if high * wide <= numbers else 1

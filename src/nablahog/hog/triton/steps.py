@@ -42,14 +42,14 @@ def on(device: torch.device) -> AbstractContextManager[Any]:
 
 
 def real_dtype(images: Tensor) -> torch.dtype:
-    """That images are computed in."""
+    """The dtype that images are computed in."""
     stored = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
     return torch.float64 if stored == torch.float64 else torch.float32
 
 
 @lru_cache
 def schedulers(device: torch.device) -> int:
-    """Of a GPU, each of which starts an instruction of a warp a cycle; 1 of a processor."""
+    """The number of warp schedulers of a GPU, each one instruction per cycle; 1 for a CPU."""
     if device.type != "cuda":
         return 1
     return _SCHEDULERS * torch.cuda.get_device_properties(device).multi_processor_count
@@ -62,7 +62,7 @@ def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
 
 
 def _reading(known: Plan, *images: Tensor) -> Reading:
-    """That of images with these strides."""
+    """The plan's reading with the strides of these images."""
     span = max(
         sum((n - 1) * abs(step) for n, step in zip(each.shape[1:], each.stride()[1:], strict=True)) for each in images
     )
@@ -74,7 +74,7 @@ def _plan(images: Tensor, spec: HOGSpec) -> Plan:
 
 
 class Work(NamedTuple):
-    """How cells are shared out: a program has some strips, each of so many rows and columns of cells."""
+    """How cells are divided among programs: some strips each, and the rows and columns of cells in a strip."""
 
     chunks: int  # of columns of cells
     of_chunk: int  # columns of cells
@@ -83,13 +83,13 @@ class Work(NamedTuple):
 
     @property
     def groups(self) -> int:
-        """Of strips, in a program each."""
+        """Groups of strips, one program each."""
         return -(-self.strips[0] // self.strips[1])
 
 
 @lru_cache(maxsize=256)
 def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers: int) -> Work:
-    """Of so many images with so many rows and columns of cells, into how many of which a band of either votes."""
+    """How to divide images with these rows and columns of cells; a band votes into ``reach`` of either."""
     (rows, cols), (high, wide) = cells, reach
     narrow = -(-cols // (LANES - wide + 1))
 

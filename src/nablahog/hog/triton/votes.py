@@ -97,7 +97,7 @@ def _between(position, VOTING: tl.constexpr):
 
 @triton.jit
 def _position(gx, gy, inverse, VOTING: tl.constexpr):
-    """By the angle of Eq. 2, in bins: at most half of them, less the offset, from 0."""
+    """Position by the angle of Eq. 2, in bins: at most half of them, less the offset, from 0."""
     v = -gy if VOTING.counterclockwise else gy
     half_turns = _half_turns(gx, v, inverse, VOTING.signed, VOTING.diagonals)
     per_half_turn = tl.full([], VOTING.bins_per_half_turn, gx.dtype)
@@ -106,7 +106,7 @@ def _position(gx, gy, inverse, VOTING: tl.constexpr):
 
 @triton.jit
 def linear_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By the angle of Eq. 2."""
+    """Votes by the angle of Eq. 2."""
     low, f = _between(_position(gx, gy, inverse, VOTING), VOTING)
     return low, f, low, f
 
@@ -133,7 +133,7 @@ def votes_of_even_and_odd(gx, gy, VOTING: tl.constexpr):
 
 @triton.jit
 def opencv_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By OpenCV's arctangent, in float32: :func:`nablahog.hog.orientation.opencv_angle`."""
+    """Votes by OpenCV's arctangent, in float32: :func:`nablahog.hog.orientation.opencv_angle`."""
     p1, p3, p5, p7 = VOTING.opencv[0], VOTING.opencv[1], VOTING.opencv[2], VOTING.opencv[3]
     u, v = gx.to(tl.float32), gy.to(tl.float32)
     au, av = tl.abs(u), tl.abs(v)
@@ -163,7 +163,7 @@ def _arccosine(c):
 
 @triton.jit
 def vlfeat_votes(gx, gy, inverse, VOTING: tl.constexpr):
-    """By VLFeat's arccosine, in float32: :func:`nablahog.hog.orientation.vlfeat_weights`."""
+    """Votes by VLFeat's arccosine, in float32: :func:`nablahog.hog.orientation.vlfeat_weights`."""
     axes: tl.constexpr = VOTING.axes
     u, v = gx.to(tl.float32), gy.to(tl.float32)
     length = root(u * u + v * v)

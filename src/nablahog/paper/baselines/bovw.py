@@ -220,7 +220,7 @@ def learn_bovw(
         words: the size of the codebook, 2 … 32,767.
         cell: of the descriptor, in pixels; a window of 4x4 cells begins at each cell.
         patch: pixels of a patch's side: that of a window, or an even number more.
-        seed: of everything random.
+        seed: the seed of all random numbers.
         progress: called with the steps done, their number and what is being done.
         map_function: as ``map``, of one or two iterables; may run in other processes.
 

@@ -131,7 +131,7 @@ class _Grid:
 
     def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
         self._placed, self._stride, self._at, self._right, self._below = placed, stride, at, right, below
-        # If two neighbours are swapped, each is costed beside the old word of the other; this corrects that
+        # if two neighbours are swapped, the costs above are those beside the other's old word; this corrects them
         self._corrections = {
             apart: pair + pair.T - np.diag(pair) - np.diag(pair)[:, np.newaxis]
             for apart, pair in ((1, right), (stride, below))
@@ -157,7 +157,7 @@ class _Grid:
         return total
 
     def _changes(self, p: np.int64, others: Words) -> Array:
-        """By how much the cost changes if the word at ``p`` changes places with that at each of ``others``."""
+        """Changes of the cost if the word at ``p`` is swapped with that at each of ``others``."""
         word, words = self._placed[p], self._placed[others]
         changes: Array = self._costs[p, words] - self._costs[p, word]
         changes += self._costs[others, word] - self._costs[others, words]

@@ -160,7 +160,7 @@ def _box_of(mask: Tensor) -> Tensor:
 def _elements(
     image: Tensor, box: Tensor, background: Background, sampling: ViewSampling
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Of a rendering (S, S): weights (E, r, c, C), levels (E,) and positions (E, 2) of its elements."""
+    """Weights (E, r, c, C), levels (E,) and positions (E, 2) of the elements of a rendering (S, S)."""
     size = torch.tensor(sampling.size)
     patches, places = [], []
     for level, cells in enumerate(pyramid(image, sampling.size)):

@@ -44,7 +44,7 @@ BATCH = 4096  # windows whose patches are in memory at a time, or those of one d
 
 @dataclass(frozen=True, kw_only=True)
 class HogglesLearning(Learning):
-    """How a pair of dictionaries was learned: of so many windows, in so many batches (0: the atoms are random windows).
+    """How a pair of dictionaries was learned: the numbers of windows and batches (0: the atoms are random windows).
 
     The objective is the mean of ½‖x - Dα‖² + λ‖α‖₁ over every hundredth batch, before it changes the dictionary.
     """

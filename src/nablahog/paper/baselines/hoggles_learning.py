@@ -73,7 +73,7 @@ def learn_hoggles(
         sparsity: λ of ½‖x - Dα‖² + λ‖α‖₁, in learning as in inversion.
         iterations: batches of 400 windows; all windows come once before one comes again.
         fast: whether the atoms are random windows, and no dictionary is learned.
-        seed: of everything random.
+        seed: the seed of all random numbers.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
