@@ -63,13 +63,13 @@ def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
 
 
 def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
-    """The best of all whole degrees of azimuth at the elevations to search at."""
+    """The best of all whole degrees of azimuth at the initial elevation, or at several if that is unknown."""
     kind = problem.similarity or "calibrated"
     template = problem.photograph.template(kind)
     best, renderings = [], 0
     for name, model in problem.each_model():
         similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
-        for elevation in problem.elevations:
+        for elevation in ELEVATIONS if problem.initial is None else problem.initial[1:]:
             poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
             values = similarity.values(poses)
             top = int(values.argmax())
@@ -121,7 +121,9 @@ def estimate_pose(
             similarity, which searches around it, and by default anywhere in the photograph; all others take it as it
             is, by default as the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
-        initial: azimuth and elevation to begin at, degrees; by default unknown.  The object is upright then, or nearly.
+        initial: about its azimuth and elevation, degrees; by default unknown.  The object is upright then, or nearly.
+            ``"best"`` searches elevations 15° below and above, too, prefers those near it, and ascends freely, so that
+            a rough one does no harm; the other methods stay at it.
         within: degrees of azimuth on both sides of the initial one that are searched, by ``"best"`` alone; by
             default all: the initial azimuth has no influence.
         focal: focal length of the photograph's camera, pixels, so that the distance is the true one; ``"exif"``: what
@@ -129,8 +131,8 @@ def estimate_pose(
             object that fills its box is seen from three of its diagonals.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Beside it objects look stretched, which the search takes into account.
-        method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
-            over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
+        method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then an
+            ascent over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
             photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
             from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
             the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.

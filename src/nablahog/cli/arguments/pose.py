@@ -92,7 +92,9 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "objects: .csv with the column image, and x0, y0, x1, y1, azimuth, elevation if known, or .json like COCO's",
     )
     options.workers(command)
-    command.add_argument("--init", type=_view, metavar="az,el", help="degrees to begin at, such as --init=-30,10")
+    command.add_argument(
+        "--init", type=_view, metavar="az,el", help="about these degrees, if known, such as --init=-30,10"
+    )
     command.add_argument(
         "--within",
         type=_degrees,
