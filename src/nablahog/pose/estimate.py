@@ -131,11 +131,11 @@ def estimate_pose(
             object that fills its box is seen from three of its diagonals.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Beside it objects look stretched, which the search takes into account.
-        method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then an
-            ascent over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
-            photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
-            from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
-            the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
+        method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then
+            an ascent over all six parameters from the best of them, at last with smaller cells. ``"paper"``: patches of
+            the photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over
+            distance, from the initial pose and 8 azimuths around. ``"paper-edges"``: the same with the renderer's
+            derivative of the area that edges cover. ``"exhaustive"``: every degree of azimuth at the initial elevation.
         similarity: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
             for the paper's methods and ``"calibrated"`` for the others.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of
