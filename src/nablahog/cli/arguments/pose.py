@@ -120,7 +120,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=_probability,
         default=LEAST_CONFIDENCE,
         metavar="P",
-        help="exit with status 4 if the azimuth is within 15 degrees with a lower probability "
+        help="exit with status 4 if the rotation is within 15 degrees with a lower probability "
         f"(default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)

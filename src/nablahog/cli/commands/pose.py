@@ -138,7 +138,7 @@ def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> i
     refused = sum(one.refused for one in posed)
     if refused:
         inform(
-            f"nablahog pose: refused: {refused} of {len(posed)} have their azimuth within 15 degrees of the true one "
+            f"nablahog pose: refused: {refused} of {len(posed)} have their rotation within 15 degrees of the true one "
             f"with a probability below {least_confidence:g}: the object may not be there, or be unlike the model"
         )
     if not all(one.figures for one in posed):
