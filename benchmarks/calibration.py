@@ -6,7 +6,7 @@
 Polarity: each photograph is inverted from the descriptors of three unsigned presets, and by multi-scale-more; a
 pre-image is right if its correlation with the photograph is positive.  Below is how the agreement of four samples goes
 with the magnitude of that correlation.  Poses: of objects under several conditions, and of boxes without any object,
-whose poses are all wrong; right is an azimuth within 15°.
+whose poses are all wrong; right is a rotation within 15°.
 
 The table has the share that is right by confidence, with the 95 % interval of Wilson.  Brier's score is the mean square
 of confidence minus right; 0.25 is that of a coin.
@@ -29,7 +29,7 @@ from torch import Tensor
 from nablahog import estimate_pose, hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import reconstruct_samples, scale_descriptors
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
-from nablahog.metrics import azimuth_error
+from nablahog.metrics import rotation_error
 from poses import WITHIN, add_options, estimate, objects_of
 from preimages import photographs
 from timing import table
@@ -101,7 +101,9 @@ def poses(options: argparse.Namespace) -> None:
             result = estimate(example, {})
             azimuths = (result.azimuth, *result.equivalent_azimuths)
             assert result.confidence is not None
-            right = min(float(azimuth_error(each, example.azimuth)) for each in azimuths) <= WITHIN
+            truth = example.azimuth, example.elevation, example.theta
+            views = [(each, result.elevation, result.theta) for each in azimuths]
+            right = bool(rotation_error(views, truth).min() <= WITHIN)
             seen.append((result.confidence, right))
     examples = objects_of(options)
     for index in range(options.unrelated):

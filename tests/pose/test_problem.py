@@ -156,11 +156,14 @@ def test_steep_and_tilted_views_have_a_penalty_usual_ones_none() -> None:
     assert penalties.tolist() == pytest.approx([0, 0, 20 * STEEP + 10 * TURNED, 5 * STEEP])
 
 
-def test_a_pose_that_is_given_has_no_penalty() -> None:
+def test_an_elevation_that_is_given_is_a_wish() -> None:
     poses = torch.tensor([[0.0, 80, 3, 30, 0, 0]], dtype=torch.float64)
-    given, unknown = problem(initial=(0.0, 80.0)), problem()
-    assert float(given.penalty(poses, given.photograph)) == 0
+    given, off, unknown = problem(initial=(0.0, 80.0)), problem(initial=(0.0, 65.0)), problem()
+    assert float(given.penalty(poses, given.photograph)) == pytest.approx(30 * TURNED)
+    assert float(off.penalty(poses, off.photograph)) == pytest.approx(10 * STEEP + 30 * TURNED)
     assert float(unknown.penalty(poses, unknown.photograph)) == pytest.approx(40 * STEEP + 30 * TURNED)
+    assert off.elevations == (50.0, 65.0, 80.0)
+    assert problem(initial=(0.0, 80.0)).elevations == (65.0, 80.0)
 
 
 def test_an_object_anywhere_loses_with_each_halving_of_its_size() -> None:

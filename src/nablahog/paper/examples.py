@@ -5,7 +5,6 @@ Conditions are rough, cut-off and no boxes, other viewpoints and looks.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -152,8 +151,6 @@ CONDITIONS: Mapping[str, Condition] = {
 
 PLAIN = Condition("The scenes of the table itself, with slightly jittered boxes.", settings=SceneSettings())
 
-PHOTOGRAPHED_FROM = 15.0  # degrees of elevation: about the median of the chairs that PASCAL3D+ is trained on, 16°
-
 
 @dataclass
 class Examples:
@@ -176,15 +173,14 @@ def photographed(
 ) -> Examples:
     """Objects in photographs, whose candidates are all ``models``, or all but their own.
 
-    The initial pose does not depend on the truth: azimuths are random, and the elevation is
-    :data:`PHOTOGRAPHED_FROM` for all.
+    No initial pose is given, as nothing but the box is known of a photograph.
 
     Args:
         objects: with the name of their own model or of the one most like them.
         models: the candidates.
         origin, failed: as :class:`Examples` has them.
         unknown_model: whether to leave an object's own model out.
-        seed: of the initial azimuths, and of the condition.
+        seed: of the condition.
         condition: one of :data:`CONDITIONS` that photographs can have; none if empty.
 
     Raises:
@@ -195,14 +191,12 @@ def photographed(
         candidates = tuple(model for model in models if not (unknown_model and model.name == each.model))
         if not candidates:
             raise ValueError(f"{each.name}: there is no candidate model")
-        initial = (random_azimuth(seed, each.name), PHOTOGRAPHED_FROM)
-        one = replace(each, initial=initial, candidates=candidates)
+        one = replace(each, initial=None, candidates=candidates)
         if condition:
             one = replace(CONDITIONS[condition].applied(one, seed, index), name=f"{condition}/{one.name}")
         examples.append(one)
     among = f"{len(models)} models{' but its own, or the one most like it' if unknown_model else ''}"
-    start = f"from a random azimuth and {PHOTOGRAPHED_FROM:g}° of elevation"
-    return Examples(examples, f"{origin} Each is looked for by all of {among}, {start}.", failed or {})
+    return Examples(examples, f"{origin} Each is looked for by all of {among}; no pose is given.", failed or {})
 
 
 def rendered(
@@ -243,8 +237,3 @@ def rendered(
     by = "all models but its own" if unknown_model else "its own model"
     start = "from a random azimuth and an elevation near the true one"
     return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {start}.")
-
-
-def random_azimuth(seed: int, name: str) -> float:
-    """An azimuth in 0…360 that depends on the seed and the object only, not on how many others there are."""
-    return float(np.random.default_rng([seed, zlib.crc32(name.encode())]).uniform(0, 360))

@@ -151,7 +151,8 @@ POSE_METHODS = {
         ),
         PoseMethod(
             "exhaustive",
-            "Compares with renderings of every degree of azimuth at the initial elevation, and takes the most similar.",
+            "Compares with renderings of every degree of azimuth at the initial elevation, or at eight if it is "
+            "unknown, and takes the most similar.",
             partial(_estimate, method="exhaustive"),
         ),
         PoseMethod(

@@ -63,13 +63,13 @@ def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
 
 
 def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
-    """The best of all whole degrees of azimuth at the elevations to search at."""
+    """The best of all whole degrees of azimuth at the initial elevation, or at several if that is unknown."""
     kind = problem.similarity or "calibrated"
     template = problem.photograph.template(kind)
     best, renderings = [], 0
     for name, model in problem.each_model():
         similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
-        for elevation in problem.elevations:
+        for elevation in ELEVATIONS if problem.initial is None else problem.initial[1:]:
             poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
             values = similarity.values(poses)
             top = int(values.argmax())
@@ -122,6 +122,8 @@ def estimate_pose(
             by default the whole photograph.
         mask: (H, W), bool, true where the object is; the rest of the photograph is ignored.  The box may be left out.
         initial: azimuth and elevation to begin at, degrees, of an object that is nearly upright; by default unknown.
+            ``"best"`` searches elevations 15° below and above, too, prefers those near it, and ascends freely, so that
+            a rough one does no harm; the other methods stay at it.
         within: how far the azimuth may be from the initial one, degrees, for ``"best"`` only.  By default all azimuths
             are searched, and the initial one has no influence.
         focal: focal length of the photograph's camera, pixels; then the distance is the true one.  ``"exif"`` takes it
@@ -129,11 +131,12 @@ def estimate_pose(
             fills its box is assumed to be three of its diagonals away.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Objects far from it look stretched, which the search takes into account.
-        method: ``"best"``: views all around at about the initial elevation (or at several, if unknown), then an ascent
-            over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches of the
-            photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over distance,
-            from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's derivative of
-            the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial elevation.
+        method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then
+            an ascent over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches
+            of the photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over
+            distance, from the initial pose and 8 azimuths around.  ``"paper-edges"``: the same with the renderer's
+            derivative of the area that edges cover.  ``"exhaustive"``: every degree of azimuth at the initial
+            elevation.
         similarity: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; by default ``"patches"``
             for the paper's methods and ``"calibrated"`` for the others.
         background: of the coarse descriptor, which also says which descriptor that is; by default that of

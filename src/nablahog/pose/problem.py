@@ -20,6 +20,8 @@ from .result import PoseEstimate
 from .viewpoint_prior import ViewpointPrior
 
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+AROUND = (-15.0, 0.0, 15.0)  # degrees from a given elevation, where views are searched, too
+ROUGHLY = 5.0  # degrees by which a given elevation is mostly wrong, at most
 LEVEL = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation tried when a pose is given
 TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when the pose is unknown
 USUAL = (-10.0, 40.0)  # elevations of most photographs, degrees
@@ -37,7 +39,7 @@ class PoseProblem:
     box: Box  # of the object, pixels of the photograph: the one given, or the one where it is most likely
     other_boxes: tuple[Box, ...] | None  # others that the object may be in; None if a box was given
     models: Mapping[str, PreparedModel]  # the candidates by name
-    initial: tuple[float, float] | None  # azimuth and elevation to begin at, degrees; None if unknown
+    initial: tuple[float, float] | None  # about its azimuth and elevation, degrees; None if unknown
     within: float = 180.0  # degrees of azimuth on both sides of the initial one that are searched
     similarity: SimilarityKind | None = None  # its kind; None for that of the search
     viewpoints: ViewpointPrior | None = None  # counts among several models; None for views alone
@@ -67,13 +69,13 @@ class PoseProblem:
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
         """Penalties for the similarities of poses (N, 6) for a crop in comparisons, (N,).
 
-        Few photographs are from high above, tilted, or of something small.  A pose or box that is given says more.
+        Few photographs are from high above, far from the elevation that is given, tilted, or, unless a box is given, of
+        something small.
         """
         penalties = torch.zeros(len(poses), dtype=poses.dtype)
         if self.similarity not in (None, "calibrated"):
             return penalties
-        if self.initial is None:
-            penalties += view_penalty(poses[:, 1], poses[:, 3])
+        penalties += view_penalty(poses[:, 1], poses[:, 3], self.initial)
         if self.other_boxes is not None:
             penalties += SMALL * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
         return penalties
@@ -92,7 +94,7 @@ class PoseProblem:
     @property
     def elevations(self) -> tuple[float, ...]:
         """Elevations to search at, degrees."""
-        return ELEVATIONS if self.initial is None else (self.initial[1],)
+        return ELEVATIONS if self.initial is None else elevations_around(self.initial)
 
     def level_views(self, model: PreparedModel, azimuths: Tensor, elevation: float) -> Tensor:
         """Poses (N, 6) at azimuths (N,) and an elevation, degrees, each placed so that it fills the box."""
@@ -132,10 +134,15 @@ class PoseProblem:
         )
 
 
-def view_penalty(elevations: Tensor, tilts: Tensor) -> Tensor:
+def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:
     """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
-    low, high = USUAL
+    low, high = USUAL if initial is None else (initial[1] - ROUGHLY, initial[1] + ROUGHLY)
     return STEEP * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0)) + TURNED * tilts.abs()
+
+
+def elevations_around(initial: tuple[float, float]) -> tuple[float, ...]:
+    """Elevations at which views are searched if about one is given, degrees."""
+    return tuple(initial[1] + off for off in AROUND if abs(initial[1] + off) <= 90)
 
 
 def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:

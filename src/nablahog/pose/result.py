@@ -41,7 +41,7 @@ class PoseEstimate:
             deviations over arbitrary photographs, one of patches has no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         box: of the object, pixels: the one given, or the one where it was found.
-        confidence: probability that the azimuth is within 15°, in 0…1, see :mod:`.vote`; None for similarities
+        confidence: probability that the whole rotation is within 15°, in 0…1, see :mod:`.vote`; None for similarities
             other than ``"calibrated"`` and methods other than ``"best"``.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.

@@ -33,7 +33,7 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph, suppress_overlaps
-from .problem import SMALL, allowed_azimuths, view_penalty
+from .problem import SMALL, allowed_azimuths, elevations_around, view_penalty
 from .similarity import describe
 from .whitening import Background, whitener_of
 
@@ -204,7 +204,7 @@ def find_boxes(
     count = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
     models = models[:: math.ceil(len(models) / DETECTORS)]
     background, shrink = coarse_background(own)
-    elevations, tilts = (ELEVATIONS, TILTS) if initial is None else ((initial[1],), (0.0,))
+    elevations, tilts = (ELEVATIONS, TILTS) if initial is None else (elevations_around(initial), (0.0,))
     azimuths = equidistant_azimuths(VIEW_COUNT)[::EVERY]
     azimuth_of = azimuths.repeat(len(models) * len(elevations))
     elevation_of = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(len(azimuths)).repeat(len(models))
@@ -215,8 +215,7 @@ def find_boxes(
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for zoom, tilt, weights, middles, inside in _levels(image, background, shrink, tilts):
         penalty = torch.tensor(SMALL * math.log2(max(image.shape[1:]) * shrink * zoom / FILL))
-        if initial is None:
-            penalty = penalty + view_penalty(elevation_of[searched].float(), torch.tensor([tilt]))
+        penalty = penalty + view_penalty(elevation_of[searched].float(), torch.tensor([tilt]), initial)
         values, view = (_correlations(weights, views) - penalty).max(2)
         values = torch.where(inside, values, -torch.inf)
         around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]

@@ -225,7 +225,7 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
 
 
 def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
-    """The probability that the azimuth is within 15°, or one from which the model looks the same.
+    """The probability that the rotation is within 15°, or one from which the model looks the same.
 
     Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
     of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.

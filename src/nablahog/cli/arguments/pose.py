@@ -96,7 +96,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--init",
         type=_view,
         metavar="az,el",
-        help="initial azimuth and elevation, such as --init=-30,10",
+        help="initial azimuth and elevation, roughly, if known, such as --init=-30,10",
     )
     command.add_argument(
         "--within",
@@ -123,7 +123,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         type=_probability,
         default=LEAST_CONFIDENCE,
         metavar="P",
-        help="exit with status 4 if the azimuth is less likely than P to be within 15 degrees "
+        help="exit with status 4 if the rotation is less likely than P to be within 15 degrees "
         f"(default: {LEAST_CONFIDENCE:g})",
     )
     options.seed(command)

@@ -48,7 +48,7 @@ DEFINITIONS = {
     "similarity": "calibrated: the score of the rendering's linear discriminant on the window of the photograph, in "
     "standard deviations over arbitrary photographs; patches: the sum over the photograph's visual elements of the dot "
     "products of the ∇HOG descriptors of their patches with those of the rendering, as in the paper.",
-    "confidence": "The probability that the azimuth is within 15° of the true one, or of one from which the model "
+    "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
     "looks the same, as measured on rendered scenes and photographs.",
     "runners_up": "The best poses from other sides; share: of the best pose's similarity, or of its side's votes.",
     "renderings": "The number of renderings that the search compared, of all candidates.",
