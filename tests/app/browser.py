@@ -78,7 +78,7 @@ class Page:
 
     def click(self, selector: str) -> None:
         """Clicks an element, once it can be."""
-        self.until(f"document.querySelector({json.dumps(selector)})?.disabled === false")
+        self.until(f"document.querySelector({json.dumps(f'{selector}:enabled:not([aria-disabled=true])')})")
         self.driver.execute_script("document.querySelector(arguments[0]).click()", selector)
 
     def enter(self, selector: str, value: object) -> None:

@@ -87,7 +87,7 @@ def test_it_is_stopped(client: TestClient) -> None:
         ('{"type": "turn"}', "the request does not fit: Invalid value 'turn'"),
         ('{"type": "pose", "n": 1, "pose": [1]}', "the request does not fit: Expected `array` of length >= 6"),
         ('{"type": "fit"}', "expected a photograph and a model first"),
-        ('{"type": "open", "photo": "a", "mesh": "b"}', "the server no longer has this upload"),
+        ('{"type": "open", "photo": "a", "mesh": "b"}', "the server no longer has this file"),
         (
             '{"type": "open", "photo": "sample-camera", "mesh": "chair-wooden-0", "box": [0, 0, 2, 2]}',
             "the box must be x0, y0",

@@ -69,7 +69,7 @@ def test_a_descriptor_alone(client: TestClient) -> None:
     of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file.getvalue()).json()
     done = events(client, descriptor=of["id"])[-1][1]
     assert (done["cc"], done["ssim"]) == (None, None)
-    assert done["lines"]["command"] == "nablahog invert descriptor.npz -o out --quality fast"
+    assert done["lines"]["command"] == "nablahog invert d.npy -o out --preset uoctti --quality fast"
 
 
 def test_a_template(client: TestClient) -> None:
@@ -77,8 +77,9 @@ def test_a_template(client: TestClient) -> None:
     np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
     of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
     kind, done = events(client, descriptor=of["id"], seed=3)[-1]
-    assert (kind, done["lines"]["command"]) == ("done", "nablahog invert template.npy --template -o out --seed 3")
-    assert "reconstruct_template(weights, spec, (32, 32), seed=3)" in done["lines"]["python"]
+    command = "nablahog invert w.npy --template -o out --preset uoctti --seed 3"
+    assert (kind, done["lines"]["command"]) == ("done", command)
+    assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["lines"]["python"]
 
 
 def test_refused_before_it_begins(client: TestClient) -> None:

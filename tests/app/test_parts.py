@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from nablahog.app import server
-from nablahog.app.answers import lines_for_pose
+from nablahog.app.lines import FitFiles, for_pose
 from nablahog.app.requests import PoseRequest, RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
@@ -29,7 +29,7 @@ def test_the_oldest_that_nobody_asked_for_goes_first() -> None:
     assert store.nbytes == 3 * photograph(10).nbytes
     store.get(first, Photograph)
     store.get(third, Photograph)
-    with pytest.raises(RequestError, match="drop it again"):
+    with pytest.raises(RequestError, match="open it again"):
         store.get(second, Photograph)
 
 
@@ -89,6 +89,6 @@ def test_there_is_no_circle_among_the_scripts() -> None:
 
 
 def test_lines_for_a_pose_have_its_seed() -> None:
-    lines = lines_for_pose(PoseRequest("photo", "mesh", seed=5), "chair.obj")
+    lines = for_pose(PoseRequest("photo", "mesh", seed=5), FitFiles("photo.png", False, "chair.obj"))
     assert "seed=5" in lines["python"]
     assert lines["command"].endswith("--seed 5")

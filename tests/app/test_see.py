@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import base64
-import shlex
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog import hog, load_descriptor, presets
-from nablahog.cli.main import parser
 from nablahog.io.images import read_image
 from nablahog.viz.pictures import glyph_votes
 
@@ -77,33 +74,18 @@ def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
     assert client.get(f"/api/hog/{said['key']}/cell?row=x").json()["error"] == "expected row as an integer, got 'x'"
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the lines close no file
-def test_the_lines_make_the_same(
-    client: TestClient, photo: str, photo_file: bytes, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    asked = {"photo": photo, "preset": "skimage", "settings": {"orientations": "8", "cells_per_block": "2x2"}}
-    said = client.post("/api/hog", json=asked).json()
-    folder = tmp_path_factory.mktemp("lines")
-    (folder / "photo.png").write_bytes(photo_file)
-    words = shlex.split(said["lines"]["command"])
-    assert words[0] == "nablahog"
-    parser().parse_args(words[1:])
-    python = said["lines"]["python"].replace("'photo.png'", repr(str(folder / "photo.png")))
-    names: dict[str, object] = {"PIL": __import__("PIL.Image")}
-    exec(python, names)
-    assert isinstance(names["descriptor"], np.ndarray)
-    (folder / "d.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
-    np.testing.assert_allclose(names["descriptor"], load_descriptor(folder / "d.npz").descriptor.numpy(), atol=1e-5)
-    assert Image.open(folder / "photo.png").size == (48, 64)
-
-
 @pytest.mark.parametrize(
     ("asked", "status", "sentence"),
     [
         ({}, 422, "expected a photo or a descriptor, one of them"),
-        ({"photo": "nothing"}, 410, "the server no longer has this upload: drop it again"),
+        ({"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),
         ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog', but aubry"),
-        ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "--set: uoctti has no parameter 'cell'"),
+        ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "uoctti has no parameter 'cell'"),
+        (
+            {"photo": "sample-camera", "settings": {"cell_size": "600"}},
+            422,
+            "camera.png: the image must hold at least one cell of 600x600 pixels (height x width), got an image of 512",
+        ),
         ({"photo": "sample-camera", "size": 5}, 422, "the request does not fit: Expected `int` >= 8"),
         ({"photo": "sample-camera", "sise": 5}, 422, "the request does not fit: Object contains unknown field `sise`"),
     ],

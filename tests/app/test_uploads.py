@@ -129,3 +129,31 @@ def test_nothing_is_left_behind(
     client.post("/api/meshes?name=m.off", content=CUBE)
     client.post("/api/descriptors?name=d.npy", content=b"x")
     assert os.listdir(tmp_path) == []
+
+
+def test_no_sentence_has_options_of_the_command(client: TestClient) -> None:
+    random = np.random.default_rng(0)
+    row, cells = (_npy(random.random(shape, dtype=np.float32)) for shape in (1764, (8, 8, 31)))
+    several, integers = (io.BytesIO(), _npy(np.ones((8, 8, 31), np.int64)))
+    np.savez(several, left=np.zeros((8, 6, 31), np.float32), right=np.ones((8, 6, 31), np.float32))
+    asked: tuple[tuple[bytes, dict[str, str]], ...] = (
+        (row, {}),
+        (row, {"preset": "skimage"}),
+        (row, {"preset": "opencv", "image_size": "100x100"}),
+        (row, {"preset": "opencv", "image_size": "100x100", "settings": '{"win_size": "64x64"}'}),
+        (row, {"as": "template"}),
+        (row, {"key": "left"}),
+        (cells, {}),
+        (cells, {"preset": "skimage"}),
+        (cells, {"preset": "skimage", "settings": '{"orientations": "x"}'}),
+        (_npy(random.random((3, 8, 8, 31), dtype=np.float32)), {"preset": "uoctti"}),
+        (several.getvalue(), {}),
+        (several.getvalue(), {"key": "middle"}),
+        (integers, {}),
+    )
+    for content, query in asked:
+        answer = client.post("/api/descriptors", params={"name": "a.npz", **query}, content=content)
+        assert answer.status_code == 422, query
+        assert "--" not in answer.json()["error"], query
+        unasked = content is integers or query == {"key": "left"} or "orientations" in str(query)
+        assert (answer.json().get("question") is None) == unasked, query

@@ -32,7 +32,15 @@ def about(store: Store) -> dict[str, Any]:
         "default_preset": DEFAULT_PRESET,
         "presets": [_preset(name, BY_NAME[name]) for name in PRESETS],
         "samples": [
-            {"id": key, "name": each.name, "width": each.size[1], "height": each.size[0], "box": each.box}
+            {
+                "id": key,
+                "name": each.name,
+                "width": each.size[1],
+                "height": each.size[0],
+                "box": each.box,
+                "focal": each.focal,
+                "own": key.startswith("photo-"),
+            }
             for key, each in store.pinned(Photograph).items()
         ],
         "meshes": [{"id": key, "name": each.name} for key, each in store.pinned(MeshEntry).items()],

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..cli.errors import UserError, as_user_error
 from ..cli.terminal import say
-from ..io.images import read_image
+from ..io.images import read_exif_focal, read_image
 from ..runtime.extras import extra
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -24,7 +24,9 @@ def app(arguments: Namespace) -> None:
         from .server import make_app
         from .store import Photograph
     with as_user_error():
-        photographs = [Photograph(Path(path).name, read_image(path)) for path in arguments.photos]
+        photographs = [
+            Photograph(Path(path).name, read_image(path), focal=read_exif_focal(path)) for path in arguments.photos
+        ]
     listening = listen(arguments.host, arguments.port)
     port = listening.getsockname()[1]
     token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)

@@ -16,14 +16,16 @@ from ..hog.box import Box
 from ..hog.descriptor import describe
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
+from ..pose.estimate import known_lens
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
 from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..viz.pictures import outlined
-from .answers import encoded, glyphs, lines_for_pose, png
-from .requests import Fit, Open, PoseRequest, as_request_error
+from .answers import encoded, glyphs, png
+from .lines import FitFiles, for_pose
+from .requests import Fit, Open, PoseRequest, RequestError, as_request_error
 from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -31,16 +33,18 @@ SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
 SUPERSAMPLING = 2  # of renderings and similarities on the page
 AZIMUTHS = 180  # points of the curve
 AT_ONCE = 36  # points in a message
+LEAST_SIDE = 8  # pixels of a photograph, as of a box
 LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object, with its box in pixels and its crop, and a model."""
+    """A photograph's object, with its box and the camera's focal length, if known, in pixels, its crop, and a model."""
 
     photograph: Photograph
     model: MeshEntry
     box: Box
+    focal: float | None
     crop: ObjectCrop
 
     @classmethod
@@ -48,9 +52,17 @@ class Fitting:
         """The photograph's object and the model that a request names."""
         photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
+        if min(height, width) < LEAST_SIDE:
+            raise RequestError(
+                422,
+                f"{photograph.name}: expected a photograph of at least {LEAST_SIDE}x{LEAST_SIDE} pixels, "
+                f"got {height}x{width} (height x width); choose a larger one",
+            )
         with as_request_error():
             box = checked_box(request.box or (0, 0, width, height), height, width)
-            return cls(photograph, model, box, crop_object(photograph.image, box))
+            lens = known_lens(photograph.image, request.focal, None, photograph.image)
+            crop = crop_object(photograph.image, box, focal=lens.focal, axis=lens.principal_point)
+        return cls(photograph, model, box, lens.focal, crop)
 
     @cached_property
     def prepared(self) -> PreparedModel:
@@ -147,6 +159,7 @@ class Fitting:
                 {self.model.name: self.model.mesh},
                 box=self.box,
                 initial=initial,
+                focal=self.focal,
                 method=request.method,
                 seed=request.seed,
                 progress=progress,
@@ -163,7 +176,10 @@ class Fitting:
     ) -> dict[str, Any]:
         """The message that ends a search."""
         here = None if initial is None else list(initial)
-        same = PoseRequest(photo, mesh, list(self.box), request.method, here, request.seed)
+        same = PoseRequest(photo, mesh, list(self.box), request.method, here, request.seed, self.focal)
+        files = FitFiles(
+            self.photograph.name, self.photograph.focal is not None, self.model.name, self.model.up, self.model.front
+        )
         return {
             "type": "fitted",
             "pose": _rounded(estimate.crop_pose),
@@ -171,7 +187,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
             "warning": warning(estimate),
-            "lines": lines_for_pose(same, self.model.name),
+            "lines": for_pose(same, files),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

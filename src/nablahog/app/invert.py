@@ -20,7 +20,8 @@ from ..invert.histograms import recover_histograms, searchable, starting_images
 from ..invert.learned import PriorChoice
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
-from .answers import encoded, lines_for_inversion, lines_for_template, png
+from .answers import encoded, png
+from .lines import for_inversion, for_template
 from .requests import INVERT_SIZE, InvertRequest, RequestError, as_request_error
 from .see import requested_descriptor
 from .store import Photograph, Store
@@ -72,7 +73,9 @@ def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
             "history": _thinned(result.history[:, 0]),
-            "lines": (lines_for_template if of.template else lines_for_inversion)(request, source),
+            "lines": for_template(request, of.reading)
+            if of.reading and of.template
+            else for_inversion(request, of.reading or source.path),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
     )

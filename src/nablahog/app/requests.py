@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, TypeVar
@@ -17,9 +18,26 @@ from ..invert.choices import QualityName
 from ..pose.options import SearchMethod
 from ..runtime.text import one_line
 
-GONE = "the server no longer has this upload: drop it again"
+GONE = "the server no longer has this file, as after a restart: open it again"
+_OPTIONS = (
+    ("(; this fits|; its shape fits|; by the error of|: expected --preset) .*", ""),
+    (": expected --image-size HxW", ": write the size of the image"),
+    ("expected one array or --key NAME", "expected one array"),
+    ("expected one descriptor in a file, got .*", r"\g<0>; save one of them in a file of its own"),
+    ("--key goes with", "a name of an array goes with"),
+    ("--image-size (\\S+)", "the image size \\1"),
+    ("--set (?=\\w)|--set: ", ""),
+)
+"""Options of the command in sentences that it shares with the page, and what the page says in their place."""
 logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
+
+
+def _for_the_page(sentence: str) -> str:
+    """A sentence without the options of the command."""
+    for option, said in _OPTIONS:
+        sentence = re.sub(option, said, sentence)
+    return sentence
 
 
 class RequestError(Exception):
@@ -28,7 +46,7 @@ class RequestError(Exception):
     def __init__(self, status: int, sentence: str, **more: Any) -> None:
         super().__init__(sentence)
         self.status = status
-        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_CHARACTERS), **more}
+        self.answer: dict[str, Any] = {"error": one_line(_for_the_page(sentence), MOST_CHARACTERS), **more}
 
 
 @contextmanager
@@ -126,14 +144,16 @@ class PoseRequest(Struct, forbid_unknown_fields=True):
     method: SearchMethod = "best"
     initial: Annotated[list[Number], Meta(min_length=2, max_length=2)] | None = None
     seed: Seed = 0
+    focal: Number | None = None
 
 
 class Open(Struct, forbid_unknown_fields=True, tag="open"):
-    """A photograph's object and a mesh, to be turned."""
+    """A photograph's object and a mesh, to be turned; with the focal length of the camera in pixels, if it is known."""
 
     photo: Id
     mesh: Id
     box: Box | None = None
+    focal: Number | None = None
 
 
 class Turn(Struct, forbid_unknown_fields=True, tag="pose"):

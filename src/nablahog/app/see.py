@@ -8,13 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
+from ..cli.arguments.presets import as_text
 from ..cli.inputs.sources import from_photo
+from ..hog import HOGSpec
 from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes
-from .answers import glyphs, lines_for_hog
+from .answers import glyphs
+from .lines import for_glyphs, for_hog
 from .requests import HogRequest, InvertRequest, RequestError, as_request_error
 from .store import DescriptorEntry, Photograph, Store
 
@@ -27,8 +31,25 @@ def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> D
         return store.get(request.descriptor, DescriptorEntry)
     assert request.photo is not None
     photograph, spec = store.get(request.photo, Photograph), request.spec()
+    photo, shrunk = photograph.shrunk(request.size), request.size < max(photograph.size)
     with as_request_error():
-        return DescriptorEntry(from_photo(photograph.name, "photo", photograph.shrunk(request.size), spec, size=0))
+        try:
+            _check_cells(photograph.name, photo, spec)
+            source = from_photo(photograph.name, "photo", photo, spec, size=request.size, shrunk=shrunk)
+        except ValueError as error:
+            larger = "a larger size" if shrunk else "a larger photograph"
+            raise ValueError(f"{error}; it takes {larger}, smaller cells or another preset") from None
+    return DescriptorEntry(source)
+
+
+def _check_cells(name: str, photo: Tensor, spec: HOGSpec) -> None:
+    """Raises ValueError if the image is smaller than a cell, of which some presets make a descriptor nevertheless."""
+    size = tuple(photo.shape[1:])
+    if any(side < cell for side, cell in zip(size, spec.cell_size, strict=True)):
+        raise ValueError(
+            f"{name}: the image must hold at least one cell of {as_text(spec.cell_size)} pixels (height x width), got "
+            f"an image of {as_text(size)}"
+        )
 
 
 def see(request: HogRequest, store: Store) -> dict[str, Any]:
@@ -46,7 +67,7 @@ def see(request: HogRequest, store: Store) -> dict[str, Any]:
         "signed": source.spec.signed,
         "image_size": list(source.image_size),
         "glyphs": drawn,
-        "lines": lines_for_hog(request, source),
+        "lines": for_glyphs(of.reading, template=of.template) if of.reading else for_hog(request, source.path),
         "milliseconds": round(1000 * (time.perf_counter() - began), 2),
     }
 

@@ -63,7 +63,7 @@ class Server:
     def _samples(self) -> dict[str, Any]:
         """Puts the samples into the store; says what there is."""
         for name in SAMPLE_NAMES:
-            self.store.pin(f"sample-{name}", Photograph(name, sample_photograph(name)))
+            self.store.pin(f"sample-{name}", Photograph(f"{name}.png", sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
         for name in CHAIRS:
             self.store.pin(f"chair-{name}", MeshEntry(name, sample_chairs()[name]))
@@ -111,7 +111,7 @@ class Server:
                 try:
                     data = await asyncio.wait_for(request.body(), PATIENCE)
                 except asyncio.TimeoutError:
-                    raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds") from None
+                    raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds; try again") from None
                 return await self._json(request, self.quick, lambda _: keep(data, name, query, self.store))
 
         return _answering(uploaded)
@@ -203,7 +203,7 @@ def _chair_scene() -> Photograph:
     """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
     clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
     made = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
-    return Photograph("a chair, rendered", made.image, tuple(round(side, 1) for side in made.box))
+    return Photograph("chair.png", made.image, tuple(round(side, 1) for side in made.box))
 
 
 def _answering(handler: Handler) -> Handler:

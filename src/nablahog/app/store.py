@@ -28,9 +28,12 @@ from ..cli.inputs.sources import Source
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
-from ..io.images import limit_size, read_image
+from ..io.dpm_file import is_dpm_file
+from ..io.images import limit_size, read_exif_focal, read_image
 from ..io.pixels import register_heif
 from ..render import Mesh, load_mesh
+from . import lines
+from .lines import Reading
 from .requests import GONE, SEE_SIZE, RequestError, Settings, decoded, named, spec_options
 
 MOST_BYTES = 2**29
@@ -44,11 +47,15 @@ AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
 @dataclass(eq=False)
 class Photograph:
-    """A photograph (C, H, W), float32 in 0…1, and the box of an object in it, in pixels, if one is known."""
+    """A photograph (C, H, W), float32 in 0…1, with the name of its file.
+
+    If they are known, with the box of an object in it, and the focal length that the file says, both in pixels.
+    """
 
     name: str
     image: Tensor
     box: tuple[float, ...] | None = None
+    focal: float | None = None
     _shrunk: OrderedDict[int, Tensor] = field(default_factory=OrderedDict)
 
     @property
@@ -75,10 +82,11 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class DescriptorEntry:
-    """A descriptor, of a photograph or a file; with ``template``, it is the weights of a linear detector."""
+    """A descriptor, of a photograph or a file, which says how it is read; with ``template``, weights of a detector."""
 
     source: Source
     template: bool = False
+    reading: Reading | None = None
 
     @property
     def nbytes(self) -> int:
@@ -89,10 +97,12 @@ class DescriptorEntry:
 
 @dataclass(frozen=True, eq=False)
 class MeshEntry:
-    """A mesh, normalised, and the name of its file."""
+    """A mesh, normalised, the name of its file, and the axes by which it was read, if they were said."""
 
     name: str
     mesh: Mesh
+    up: str | None = None
+    front: str | None = None
 
     @property
     def nbytes(self) -> int:
@@ -157,9 +167,9 @@ def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> di
     """Keeps a photograph of any format that the command line reads."""
     _check_pixels(data, name)
     with _as_file(data, name, "photo") as path:
-        kept = Photograph(name, read_image(path))
+        kept = Photograph(name, read_image(path), focal=read_exif_focal(path))
     height, width = kept.size
-    return {"id": store.add(kept, data), "name": name, "width": width, "height": height}
+    return {"id": store.add(kept, data), "name": name, "width": width, "height": height, "focal": kept.focal}
 
 
 def _check_pixels(data: bytes, name: str) -> None:
@@ -192,13 +202,14 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
             if is_raw(path):
                 error.answer["question"] = _question(path, arrays)
             raise
+        readings = _readings(path, name, sources, options, arrays, template)
     parts = []
-    for source in sources:
+    for source, reading in zip(sources, readings, strict=True):
         rows, cols, _ = source.descriptor.shape
         if source.descriptor.numel() > MOST_NUMBERS or rows * cols > MOST_CELLS:
             raise RequestError(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
         content = source.name, source.spec.to_json(), str((source.image_size, template))
-        key = store.add(DescriptorEntry(source, template), data, *map(str.encode, content))
+        key = store.add(DescriptorEntry(source, template, reading), data, *map(str.encode, content))
         parts.append({"id": key, "name": source.name})
     first = sources[0]
     return {
@@ -222,16 +233,32 @@ def _sources(path: str, name: str, options: SpecOptions, arrays: ArrayOptions, t
     return [Source(name, "descriptor", of_file.descriptor.float(), of_file.spec, of_file.image_size, None)]
 
 
-def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any]:
-    """The names of the arrays where there are several, or the presets that fit the one, the likeliest first."""
+def _readings(
+    path: Path, name: str, sources: list[Source], options: SpecOptions, arrays: ArrayOptions, template: bool
+) -> list[Reading]:
+    """How each of the sources in a file is read again."""
+    if template and is_dpm_file(path):
+        return [lines.of_model(name, number) for number in range(len(sources))]
+    if not is_raw(path):
+        return [lines.of_file(name)]
+    array = read_array(path, arrays.key)
+    return [lines.of_array(name, array, each, options, arrays, template=template) for each in sources]
+
+
+def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any] | None:
+    """Which arrays there are, if several, or the presets that fit the one, the likeliest first; None for no array."""
     fitting: list[tuple[float, FittingPreset]] = []
     keys: list[str] | None = None
     try:
-        fitting = likeliest(read_array(path, arrays.key), arrays.image_size)
+        array = read_array(path, arrays.key)
+        fitting = likeliest(array, arrays.image_size)
     except (ValueError, OSError) as error:
-        keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2]) or None
+        keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2])
+        if not keys:
+            return None
     return {
         "keys": keys,
+        "shape": None if keys else list(array.shape),
         "fitting": [
             {"preset": each.dialect.name, "settings": dict(each.dialect.settings), "image_size": each.image_size}
             for _, each in fitting
@@ -247,7 +274,7 @@ def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict
     if up not in AXES or front not in AXES:
         raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
     with _as_file(data, name, f"model{ending}") as path:
-        kept = MeshEntry(name, load_mesh(path, up=up or None, front=front or None))
+        kept = MeshEntry(name, load_mesh(path, up=up or None, front=front or None), up or None, front or None)
     key = store.add(kept, data, ending.encode(), up.encode(), front.encode())
     return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
 

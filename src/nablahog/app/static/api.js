@@ -28,11 +28,11 @@ async function request(path, init) {
     response = await fetch(path, { ...init, headers, cache: "no-store" });
   } catch (error) {
     if (init.signal?.aborted) throw error;
-    throw new ServerError(0, "The server does not answer. Is “nablahog app” still running?");
+    throw new ServerError(0, "The server does not answer: if “nablahog app” has ended, start it again, and load this page again.");
   }
   if (response.ok) return response;
   const answer = await response.json().catch(() => null);
-  throw new ServerError(response.status, answer?.error ?? `The server answers ${response.status}.`, answer);
+  throw new ServerError(response.status, answer?.error ?? `The server answers ${response.status}: load this page again.`, answer);
 }
 
 /**

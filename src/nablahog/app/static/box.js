@@ -33,9 +33,14 @@ export class BoxPicker {
     canvas.addEventListener("pointercancel", () => { from = null; });
     for (const input of this.#inputs) {
       input.addEventListener("input", () => {
+        const some = this.#inputs.some((each) => each.value);
+        for (const each of this.#inputs) each.required = some;
+        const [left, top, right, bottom] = this.#inputs;
+        right?.setCustomValidity(some && right.valueAsNumber <= (left?.valueAsNumber ?? 0) ? "It must be more than Left." : "");
+        bottom?.setCustomValidity(some && bottom.valueAsNumber <= (top?.valueAsNumber ?? 0) ? "It must be more than Top." : "");
         const [x0, y0, x1, y1] = this.#inputs.map(numberOf);
-        if (x0 == null || y0 == null || x1 == null || y1 == null || x1 <= x0 || y1 <= y0) return;
-        this.value = [x0, y0, x1, y1];
+        if (some && (x0 == null || y0 == null || x1 == null || y1 == null)) return;
+        this.value = some ? [x0 ?? 0, y0 ?? 0, x1 ?? 0, y1 ?? 0] : null;
         this.#mark();
         this.changed();
       });
@@ -65,7 +70,11 @@ export class BoxPicker {
   /** @param {import("./types.js").Box | null} box */
   set(box) {
     this.value = box;
-    this.#inputs.forEach((input, i) => { input.value = box ? String(box[i]) : ""; });
+    this.#inputs.forEach((input, i) => {
+      input.value = box ? String(box[i]) : "";
+      input.required = box !== null;
+      input.setCustomValidity("");
+    });
     this.#mark();
   }
 

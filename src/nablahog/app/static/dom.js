@@ -118,6 +118,60 @@ export function debounce(work, milliseconds) {
 }
 
 /**
+ * Switches a button; one that is off keeps the focus, as one that is disabled would not.
+ *
+ * @param {HTMLButtonElement} button
+ * @param {boolean} on
+ */
+export const enable = (button, on) => button.setAttribute("aria-disabled", String(!on));
+
+/**
+ * @param {HTMLButtonElement} button
+ * @param {() => unknown} work what it does, unless it is off
+ */
+export const onPress = (button, work) =>
+  button.addEventListener("click", () => { if (button.ariaDisabled !== "true") work(); });
+
+/**
+ * Takes elements away; a focus in them goes to the view, not to the start of the page.
+ *
+ * @param {Element} parent whose children go
+ * @param {HTMLElement} [next]
+ */
+export function clear(parent, next = element("views", HTMLElement)) {
+  const inside = parent.contains(document.activeElement);
+  parent.replaceChildren();
+  if (inside) next.focus({ preventScroll: true });
+}
+
+/** Pixels that a line of progress may need. */
+const SPARE = 90;
+
+/**
+ * Scrolls until two elements are in sight together, unless they are.
+ *
+ * @param {Element} upper
+ * @param {Element} lower
+ */
+export function bringIntoSight(upper, lower) {
+  const { top } = upper.getBoundingClientRect();
+  if (top < 0 || lower.getBoundingClientRect().bottom + SPARE > innerHeight) scrollBy({ top: top - 8, behavior: "instant" });
+}
+
+/**
+ * Whether all controls in these elements have values that they allow; the first one that has not says so.
+ *
+ * @param {...Element} places
+ */
+export function checked(...places) {
+  const controls = places.flatMap((place) => [...place.querySelectorAll("input")]);
+  const wrong = controls.find((control) => !control.closest("[hidden]") && !control.checkValidity());
+  const details = wrong?.closest("details");
+  if (details) details.open = true;
+  return wrong?.reportValidity() ?? true;
+}
+
+/**
  * A number input's value, or null where it is not one that the input allows.
  *
  * @param {HTMLInputElement} input

@@ -3,13 +3,13 @@
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
 import { Curve } from "./curve.js";
-import { prefersReducedMotion, element, figure, fill, make, numberOf, debounce, table } from "./dom.js";
+import { bringIntoSight, checked, debounce, element, enable, figure, fill, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
 import { MeshChooser } from "./mesh.js";
-import { NAMES, PoseControls, proper } from "./pose.js";
-import { clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
+import { PoseControls, poseTables, proper } from "./pose.js";
+import { announce, clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
 import { Scene } from "./scene.js";
 import { Session } from "./session.js";
 
@@ -26,10 +26,12 @@ export class Fit {
   #photo = new LatestRequest("fit-progress");
   #method = element("fit-method", HTMLSelectElement);
   #seed = element("fit-seed", HTMLInputElement);
+  #focal = element("focal", HTMLInputElement);
   #start = element("fit-start", HTMLButtonElement);
   #stop = element("fit-stop", HTMLButtonElement);
   #shown = false;
-  #stale = true;
+  /** Id of the photograph of what is shown. */
+  #of = "";
   #ready = false;
   #n = 0;
   #drawn = 0;
@@ -41,7 +43,6 @@ export class Fit {
   /** @type {any} */
   #fitted = null;
   #reopen = debounceBusy(() => { if (this.#ready) void this.#open(); }, 300);
-  #say = debounce((/** @type {string} */ text) => { element("similarity-said", HTMLElement).textContent = text; }, 700);
   #remember = debounce(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
 
   /** @param {import("./main.js").App} app */
@@ -52,18 +53,17 @@ export class Fit {
       (pose) => this.#askCurve(pose));
     fill(this.#method, app.about.pose_methods);
     this.restore();
-    app.source.addEventListener("change", () => {
-      this.#leave();
-      this.#stale = true;
-      const photo = app.source.value;
-      this.#box.set(photo?.kind === "photo" ? photo.box ?? null : null);
-      this.show(this.#shown);
-    });
+    app.source.addEventListener("change", () => this.show(this.#shown));
     addEventListener("pagehide", () => this.#leave());
     element("fit-open", HTMLButtonElement).addEventListener("click", () => void this.#open());
     element("pose-place", HTMLButtonElement).addEventListener("click", () => this.#turn(this.#controls.value, true));
-    this.#start.addEventListener("click", () => this.#fit());
-    this.#stop.addEventListener("click", () => this.#session.send({ type: "stop" }));
+    onPress(this.#start, () => this.#fit());
+    onPress(this.#stop, () => this.#session.send({ type: "stop" }));
+    this.#focal.addEventListener("change", () => {
+      app.address.set({ focal: this.#focal.value || "none" });
+      this.#explain();
+      this.#reopen();
+    });
     for (const [key, input] of /** @type {[string, HTMLSelectElement | HTMLInputElement][]} */ ([["pose_method", this.#method], ["seed", this.#seed]])) {
       input.addEventListener("input", () => app.address.set({ [key]: input.value }));
     }
@@ -81,10 +81,7 @@ export class Fit {
 
   restore() {
     const { address, about } = this.app;
-    const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
-    const source = this.app.source.value;
-    const own = source?.kind === "photo" && address.get("box") === null ? source.box ?? null : null;
-    this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : own);
+    this.#restoreObject();
     this.#controls.write(proper(address.numbers("pose", 6) ?? FIRST_POSE));
     const method = address.get("pose_method") ?? "";
     this.#method.value = about.pose_methods.includes(method) ? method : about.pose_methods[0] ?? "";
@@ -93,14 +90,36 @@ export class Fit {
     if (this.#ready) this.#reopen();
   }
 
+  /** Takes box and focal length from the address, or else from the photograph. */
+  #restoreObject() {
+    const { address, source: { value } } = this.app;
+    const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
+    const photo = value?.kind === "photo" ? value : null;
+    this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : address.get("box") === null ? photo?.box ?? null : null);
+    const focal = address.get("focal") ?? String(photo?.focal ?? "");
+    this.#focal.value = Number(focal) > 0 ? String(Math.round(Number(focal) * 10) / 10) : "";
+    this.#explain();
+  }
+
+  /** Says where the focal length is from. */
+  #explain() {
+    const source = this.app.source.value;
+    const said = source?.kind === "photo" && source.focal && Math.abs(source.focal - this.#focal.valueAsNumber) < 0.1;
+    element("focal-about", HTMLElement).textContent = said ? "Read from the photograph’s EXIF data."
+      : "Only if you know it: then the distance is the true one.";
+  }
+
   /** @param {boolean} shown */
   show(shown) {
     this.#shown = shown;
     const source = this.app.source.value;
     element("fit-needs", HTMLElement).hidden = source?.kind === "photo";
     element("fit-ask", HTMLElement).hidden = source?.kind !== "photo";
-    if (!shown || !this.#stale || source?.kind !== "photo") return;
-    this.#stale = false;
+    if (!shown || source?.id === this.#of) return;
+    this.#leave();
+    this.#of = source?.id ?? "";
+    this.#restoreObject();
+    if (source?.kind !== "photo") return;
     void this.#photo.run("Loads the photograph", (signal) => this.#box.show(source, this.app.source, signal));
   }
 
@@ -119,12 +138,13 @@ export class Fit {
 
   async #open() {
     const source = this.app.source.value;
-    if (source?.kind !== "photo") return;
+    if (source?.kind !== "photo" || !checked(element("fit-ask", HTMLElement))) return;
     clearError();
     this.#begin("open", "fit-progress", "Opens the mesh", () => this.#leave());
     try {
       await this.#session.open();
-      this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value });
+      this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
+        focal: numberOf(this.#focal) });
     } catch (error) {
       this.#end("open");
       showError(error);
@@ -181,6 +201,7 @@ export class Fit {
         return this.#searching(false);
       case "error":
         showError(new ServerError(422, message.error));
+        if (this.#waits.open) return this.#leave();
         for (const kind of Object.keys(this.#waits)) this.#end(kind);
         return this.#searching(false);
     }
@@ -194,12 +215,16 @@ export class Fit {
     const room = element("fit-room", HTMLElement);
     if (room.hidden) {
       room.hidden = false;
-      room.scrollIntoView({ block: "nearest" });
+      this.#intoSight();
     }
     element("fit-result", HTMLElement).hidden = true;
     drawGlyphs(element("photo-glyphs", HTMLCanvasElement), message.photo_votes, 400);
     await this.#scene.setCrop(message.image, message.crop.side);
     this.#turn(this.#controls.value, this.app.address.get("pose") === null);
+  }
+
+  #intoSight() {
+    bringIntoSight(this.#start.closest(".bar") ?? this.#start, this.#scene.canvas);
   }
 
   /**
@@ -251,7 +276,7 @@ export class Fit {
     this.#curve.here(message.pose, { similarity: message.similarity, slope: message.derivative[0] ?? 0 });
     if (!this.#waits.fit) {
       this.#curve.want(message.pose);
-      this.#say(`At ${words}.`);
+      announce(`At ${words}.`);
     }
     await this.#scene.setView(message.image, message.pose, message.derivative);
     this.#scene.canvas.setAttribute("aria-label", `The mesh on the photograph, ${words}`);
@@ -266,14 +291,16 @@ export class Fit {
   }
 
   #fit() {
+    if (!checked(element("fit-room", HTMLElement))) return;
     clearError();
+    this.#intoSight();
     this.#fitted = null;
     this.#end("curve");
     this.#begin("fit", "search-progress", "Searches the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
     this.#curve.steps = [];
     element("fit-result", HTMLElement).hidden = true;
-    element("fit-said", HTMLElement).textContent = "The search runs.";
+    element("fit-said", HTMLElement).textContent = "";
     this.#session.send({ type: "fit", method: this.#method.value, seed: numberOf(this.#seed) ?? 0, pose: this.#controls.value,
       from_here: element("fit-from-here", HTMLInputElement).checked });
   }
@@ -281,8 +308,8 @@ export class Fit {
   /** @param {boolean} now */
   #searching(now) {
     if (!now) this.#end("fit");
-    this.#start.disabled = now;
-    this.#stop.disabled = !now;
+    enable(this.#start, !now);
+    enable(this.#stop, now);
   }
 
   /** @param {{pose: Pose, similarity: number}} message */
@@ -301,20 +328,18 @@ export class Fit {
     this.#fitted = message;
     this.#searching(false);
     this.#turn(proper(message.pose));
-    /** @type {Pose} */
-    const pose = message.pose;
-    const source = this.app.source.value;
-    element("fit-said", HTMLElement).textContent = `Done: azimuth ${figure(pose[0], 1)}, elevation ${figure(pose[1], 1)}, ` +
-      `similarity ${figure(message.similarity)}.`;
+    const { result } = message;
+    const turned = `azimuth ${figure(result.azimuth, 1)}, elevation ${figure(result.elevation, 1)}`;
+    const sure = result.confidence === null ? "" : `, confidence ${figure(result.confidence, 2)}`;
+    element("fit-said", HTMLElement).textContent = `Done: ${turned}${sure}.`;
     const overlay = element("overlay", HTMLImageElement);
     overlay.src = addressOf(message.overlay);
-    overlay.alt = `The outline of the mesh on ${source?.name ?? "the photograph"}, azimuth ${figure(pose[0], 1)}, elevation ${figure(pose[1], 1)}`;
+    overlay.alt = `The outline of the mesh on ${result.photograph}, ${turned}`;
     const warning = element("fit-warning", HTMLElement);
     warning.hidden = !message.warning;
     warning.textContent = message.warning ?? "";
-    element("fit-figures", HTMLElement).replaceChildren(table("Pose", ["Figure", "Value"],
-      [...NAMES.map((name, i) => [name, figure(pose[i], i === 2 ? 3 : 1)]), ["similarity", figure(message.similarity, 4)]], [1]));
-    showLines(element("fit-lines", HTMLElement), message.lines);
+    element("fit-figures", HTMLElement).replaceChildren(...poseTables(result));
+    showLines(element("fit-lines", HTMLElement), message.lines, this.app.source.sample);
     element("fit-result", HTMLElement).hidden = false;
   }
 }

@@ -26,7 +26,7 @@ export async function invert(body, signal, on) {
     else if (event === "done") return data;
     else if (event === "error") throw new ServerError(422, data.error);
   }
-  throw new ServerError(0, "The server ended the inversion before it was done.");
+  throw new ServerError(0, "The server ended the inversion before it was done: press “Start” again.");
 }
 
 /** Draws the newest of the pictures that it is given; those that come too fast are left out. */

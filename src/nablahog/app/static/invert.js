@@ -2,7 +2,7 @@
 
 import { getBlob, postFile, postJson } from "./api.js";
 import { Chart } from "./chart.js";
-import { element, figure, fill, make, numberOf, table } from "./dom.js";
+import { bringIntoSight, checked, element, enable, figure, fill, make, numberOf, onPress, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert, methodName, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
@@ -35,6 +35,8 @@ export class Invert {
   #curve = [];
   #drawing = 0;
   #runs = 0;
+  /** Id of the source of what is shown. */
+  #of = "";
 
   /** @param {import("./main.js").App} app */
   constructor(app) {
@@ -50,9 +52,9 @@ export class Invert {
         this.explain();
       });
     }
-    this.#start.addEventListener("click", () => void this.#run(null));
-    this.#stop.addEventListener("click", () => this.#newest.abort());
-    this.#goOn.addEventListener("click", () => void this.#further());
+    onPress(this.#start, () => this.#run(null));
+    onPress(this.#stop, () => this.#newest.abort());
+    onPress(this.#goOn, () => this.#further());
     element("invert-other-seed", HTMLButtonElement).addEventListener("click", () => {
       this.#seed.value = String((numberOf(this.#seed) ?? 0) + 1);
       app.address.set({ seed: this.#seed.value });
@@ -62,7 +64,15 @@ export class Invert {
       if (this.#done) save(pngOf(this.#done.image), `${this.#stem}_preimage.png`);
     });
     element("invert-descriptor", HTMLButtonElement).addEventListener("click", () => void this.#descriptor());
-    app.source.addEventListener("change", () => this.#reset());
+    app.source.addEventListener("change", () => this.show());
+  }
+
+  /** Forgets what was made of another source than this one. */
+  show() {
+    const id = this.app.source.value?.id ?? "";
+    if (id !== this.#of) this.#reset();
+    this.#of = id;
+    this.explain();
   }
 
   get #stem() {
@@ -120,9 +130,9 @@ export class Invert {
   #state(state, caption) {
     this.#canvas.dataset.state = state;
     element("preimage-caption", HTMLElement).textContent = caption;
-    this.#stop.disabled = state !== "running";
-    this.#start.disabled = state === "running";
-    this.#goOn.disabled = state === "running" || !(this.#done ?? this.#frame);
+    enable(this.#stop, state === "running");
+    enable(this.#start, state !== "running");
+    enable(this.#goOn, state !== "running" && Boolean(this.#done ?? this.#frame));
   }
 
   async #further() {
@@ -137,7 +147,8 @@ export class Invert {
 
   /** @param {string | null} start id of the picture to start from */
   async #run(start) {
-    if (!this.app.source.value) return;
+    const source = this.app.source.value;
+    if (!source || !checked(...document.querySelectorAll("#invert .bar, #dialect"))) return;
     clearError();
     const run = ++this.#runs;
     const before = start ? this.#curve.at(-1)?.[0] ?? 0 : 0;
@@ -150,17 +161,20 @@ export class Invert {
     this.#frames = 0;
     this.#canvas.dataset.frames = "0";
     element("invert-result", HTMLElement).hidden = true;
-    element("invert-said", HTMLElement).textContent = "The inversion runs.";
+    element("invert-said", HTMLElement).textContent = "";
     this.#state("running", "The pre-image is being made.");
     /** @type {string | null} */
     let photograph = null;
     const body = { ...this.#asked, method: this.#method.value, quality: this.#quality.value,
       seed: numberOf(this.#seed) ?? 0, start };
-    const result = await this.#newest.run("Waits for the server", (signal, wait) => invert(body, signal, {
+    const controls = this.#start.closest(".bar") ?? this.#start;
+    bringIntoSight(controls, this.#canvas);
+    const result = await this.#newest.run("Makes the pre-image", (signal, wait) => invert(body, signal, {
       queued: (count) => wait.say(count ? `Waits: ${count} before this` : "Waits for the server"),
       start: (data) => {
         photograph = data.photograph;
         this.#stage.fit(data.image_size[1], data.image_size[0]);
+        bringIntoSight(controls, this.#canvas);
         wait.say("Makes the pre-image", 0, data.most);
       },
       frame: (data) => {
@@ -177,7 +191,7 @@ export class Invert {
     // a newer run, or another photograph, has taken over
     if (run !== this.#runs) return;
     cancelAnimationFrame(this.#drawing);
-    if (result) this.#finish(result, photograph, before);
+    if (result) this.#finish(result, photograph, before, source.name);
     else if (this.#frame) this.#stopped();
     else this.#reset();
   }
@@ -204,8 +218,9 @@ export class Invert {
    * @param {import("./types.js").InvertDone} done
    * @param {string | null} photograph
    * @param {number} before evaluations of earlier runs that this one goes on from
+   * @param {string} name
    */
-  #finish(done, photograph, before) {
+  #finish(done, photograph, before, name) {
     this.#done = done;
     this.#frame = done.image;
     this.#painter.show(done.image, true);
@@ -215,7 +230,7 @@ export class Invert {
     }
     this.#drawCurve();
     this.#state("done", `Pre-image, distance ${figure(done.distance)}`);
-    this.#canvas.setAttribute("aria-label", `The pre-image of ${this.app.source.value?.name ?? "the descriptor"}`);
+    this.#canvas.setAttribute("aria-label", `The pre-image of ${name || "the descriptor"}`);
     this.#figures([["Distance", figure(done.distance)], ["CC", figure(done.cc)], ["SSIM", figure(done.ssim)],
       ["MI", figure(done.mi)], ["PSNR", done.psnr === null ? "–" : `${figure(done.psnr, 1)} dB`],
       ["Evaluations", String(done.evaluations)], ["Seconds", figure(done.seconds, 1)], ["Stopped because", done.stop_reason]]);
@@ -240,7 +255,7 @@ export class Invert {
     element("definitions", HTMLElement).hidden = !definitions.length;
     document.querySelector("#definitions dl")?.replaceChildren(
       ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));
-    showLines(element("invert-lines", HTMLElement), done.lines);
+    showLines(element("invert-lines", HTMLElement), done.lines, this.app.source.sample);
     element("invert-result", HTMLElement).hidden = false;
   }
 

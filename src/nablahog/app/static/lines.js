@@ -1,12 +1,16 @@
 /** The command line and the lines of Python that do the same, with buttons to copy them. */
 
+import { getBlob } from "./api.js";
 import { make } from "./dom.js";
+import { save } from "./files.js";
+import { waiting } from "./progress.js";
 
 /**
  * @param {HTMLElement} place
  * @param {import("./types.js").Lines} lines
+ * @param {import("./types.js").PhotoInfo | null} sample the photograph, if the reader has no file of it
  */
-export function showLines(place, lines) {
+export function showLines(place, lines, sample) {
   const blocks = [["Command line", lines.command], ["Python", lines.python]].map(([title = "", text = ""]) => {
     const pre = make("pre", { tabindex: 0, role: "region", "aria-label": title }, text);
     const button = make("button", { type: "button", "aria-label": `Copy: ${title}` }, "Copy");
@@ -16,7 +20,14 @@ export function showLines(place, lines) {
     });
     return make("div", { class: "lines" }, make("h3", {}, title), make("div", {}, pre, button));
   });
-  place.replaceChildren(make("h2", {}, "The same without this page"), ...blocks);
+  const saved = make("button", { type: "button" }, `Save ${sample?.name}`);
+  saved.addEventListener("click", async () => {
+    const blob = sample && await waiting("source-progress", "Gets the photograph", (signal) =>
+      getBlob(`api/photos/${encodeURIComponent(sample.id)}`, signal));
+    if (sample && blob) save(blob, sample.name);
+  });
+  place.replaceChildren(make("h2", {}, "The same without this page"), ...blocks,
+    ...sample ? [make("p", { class: "note" }, "They read the sample photograph from a file: ", saved)] : []);
 }
 
 /**

@@ -1,12 +1,12 @@
 /** The start of the page, and its views. */
 
-import { getJson } from "./api.js";
+import { getJson, ServerError } from "./api.js";
 import { Address } from "./address.js";
 import { Dialects } from "./controls.js";
 import { element } from "./dom.js";
 import { Fit } from "./fit.js";
 import { Invert } from "./invert.js";
-import { showError, waiting } from "./progress.js";
+import { clearError, showError, waiting } from "./progress.js";
 import { See } from "./see.js";
 import { SourceChooser } from "./source.js";
 
@@ -34,6 +34,7 @@ function start(about) {
   const see = new See(app), invert = new Invert(app), fit = new Fit(app);
 
   const show = () => {
+    source.say();
     const described = source.value?.kind === "descriptor";
     // a descriptor from a file knows how it was made
     element("dialect", HTMLElement).hidden = address.view === "fit" || described;
@@ -50,7 +51,7 @@ function start(about) {
     }
     document.title = `${TITLES[address.view]} – ∇HOG`;
     see.show(address.view === "see");
-    if (address.view === "invert") invert.explain();
+    if (address.view === "invert") invert.show();
     fit.show(address.view === "fit");
   };
   source.addEventListener("change", () => {
@@ -58,6 +59,14 @@ function start(about) {
     show();
   });
   address.addEventListener("view", show);
+  /** @type {HTMLInputElement | null} the one that the error is about */
+  let wrong = null;
+  document.addEventListener("change", ({ target }) => {
+    if (!(target instanceof HTMLInputElement)) return;
+    if (target === wrong) clearError();
+    wrong = target.checkValidity() ? null : target;
+    if (wrong) showError(new ServerError(0, `${target.labels?.[0]?.textContent ?? target.ariaLabel}: ${target.validationMessage}`));
+  });
   address.addEventListener("restore", () => {
     dialect.restore();
     see.restore();

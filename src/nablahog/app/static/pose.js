@@ -1,10 +1,10 @@
 /** A pose: six numbers with sliders. */
 
-import { element, make, numberOf } from "./dom.js";
+import { element, figure, make, numberOf, table } from "./dom.js";
 
 /** @typedef {import("./types.js").Pose} Pose */
 
-export const NAMES = ["azimuth", "elevation", "distance", "theta", "x", "y"];
+const NAMES = ["azimuth", "elevation", "distance", "theta", "x", "y"];
 
 const RANGES = [[0, 360, 0.5], [-90, 90, 0.5], [1, 10, 0.01], [-180, 180, 0.5], [-64, 64, 0.25], [-64, 64, 0.25]];
 const UNITS = ["degrees", "degrees", "diagonals", "degrees", "pixels to the right", "pixels down"];
@@ -22,6 +22,29 @@ export function proper(pose) {
   const [azimuth = 0, elevation = 0, distance = 1, theta = 0, x = 0, y = 0] = pose;
   return [round360(azimuth), Math.min(90, Math.max(-90, elevation)), Math.min(100, Math.max(1, distance)),
     round360(theta + 180) - 180, x, y];
+}
+
+/**
+ * A pose that was found: its figures, how sure it is, and the best poses from other sides.
+ *
+ * @param {{[name: string]: any}} result
+ */
+export function poseTables(result) {
+  const { confidence, runners_up: others, focal_length_from: from } = result;
+  const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
+  /** @type {HTMLElement[]} */
+  const nodes = [table("Pose in the photograph; the sliders have that in its crop", ["Figure", "Value"], [
+    ...NAMES.map((name) => [name, figure(result[name], name === "distance" ? 3 : 1)]), ["focal length", focal],
+    ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1])];
+  const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
+  nodes.push(make("p", { class: "note" }, `${same}${confidence === null
+    ? "This method does not say how sure it is; “best” does."
+    : "Confidence: the probability that the azimuth is within 15° of the true one, or of one from which the mesh looks the same."}`));
+  if (others.length) {
+    nodes.push(table("Runners-up: the best poses from other sides, and their share of the best similarity", ["Azimuth", "Elevation", "Share"],
+      others.map((/** @type {any} */ each) => [figure(each.azimuth, 1), figure(each.elevation, 1), figure(each.share, 2)]), [0, 1, 2]));
+  }
+  return nodes;
 }
 
 export class PoseControls {

@@ -1,10 +1,13 @@
 /** Waits: a line with progress and a button to cancel for all that takes longer than a moment, and errors. */
 
 import { ServerError } from "./api.js";
-import { element, make } from "./dom.js";
+import { clear, debounce, element, make } from "./dom.js";
 
 const MOMENT = 300;
 let running = 0;
+
+/** Says a sentence to those who do not see the page; of several at once, the last. */
+export const announce = debounce((/** @type {string} */ text) => { element("status", HTMLElement).textContent = text; }, 700);
 
 /** @param {1 | -1} change */
 function count(change) {
@@ -12,9 +15,9 @@ function count(change) {
   document.body.dataset.busy = String(running > 0);
 }
 
-/** A line that appears in `place` after a moment, unless it is closed before. */
+/** A line that appears in `place` after a moment, unless it is closed before; its first text is announced, no other. */
 export class Wait {
-  #line = make("div", { class: "progress", role: "status" });
+  #line = make("div", { class: "progress" });
   #bar = make("progress", { "aria-label": "Progress" });
   #text = make("span");
   #timer;
@@ -31,7 +34,10 @@ export class Wait {
     button.addEventListener("click", cancel);
     this.#text.append(text);
     this.#line.append(this.#bar, this.#text, button);
-    this.#timer = setTimeout(() => element(place, HTMLElement).replaceChildren(this.#line), MOMENT);
+    this.#timer = setTimeout(() => {
+      element(place, HTMLElement).replaceChildren(this.#line);
+      announce(text);
+    }, MOMENT);
   }
 
   /**
@@ -51,6 +57,7 @@ export class Wait {
     if (!this.#open) return;
     this.#open = false;
     clearTimeout(this.#timer);
+    clear(this.#line);
     this.#line.remove();
     count(-1);
   }
@@ -130,15 +137,14 @@ export function debounceBusy(work, milliseconds) {
 /** @param {unknown} error */
 export function showError(error) {
   const sentence = error instanceof Error ? error.message : String(error);
-  const gone = error instanceof ServerError && error.status === 410;
   if (!(error instanceof ServerError)) console.error(error);
   const button = make("button", { type: "button" }, "Close");
   button.addEventListener("click", clearError);
   element("alert", HTMLElement).replaceChildren(
-    make("span", {}, gone ? "The server no longer has this file: drop the photograph again." : sentence), button);
+    make("span", {}, sentence), button);
 }
 
 /** Takes the error away. */
 export function clearError() {
-  element("alert", HTMLElement).replaceChildren();
+  clear(element("alert", HTMLElement));
 }

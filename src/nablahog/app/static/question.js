@@ -1,6 +1,6 @@
-/** A form that asks about an array what the command line takes as options. */
+/** A form that asks about an array what its file does not say. */
 
-import { element, fill, make } from "./dom.js";
+import { clear, element, fill, make } from "./dom.js";
 
 /** @typedef {{as: string, preset: string, settings: string, image_size: string, key: string}} Answers */
 
@@ -15,9 +15,7 @@ export function ask(sentence, question, before, about, send) {
   const form = element("question", HTMLFormElement);
   const answers = { ...before };
   const cancel = make("button", { type: "button" }, "Cancel");
-  form.replaceChildren(make("h3", { id: "question-title" }, "What is in this file?"), make("p", {}, question.fitting.length
-    ? "It does not say which library made it. Presets whose descriptors have this shape come first, the likeliest on top."
-    : sentence));
+  form.replaceChildren(make("h3", { id: "question-title" }, "What is in this file?"), make("p", {}, why(sentence, question, before)));
 
   /** @type {(() => void)[]} */
   const reads = [];
@@ -29,7 +27,7 @@ export function ask(sentence, question, before, about, send) {
   const others = about.presets.map((each) => each.name).filter((name) => !fits.some((each) => each.id === name));
   reads.push(choice(form, "preset", "Preset", [...fits, ...others], answers, fits[0]?.id ?? about.default_preset));
   const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
-    pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", value: answers.image_size, autocomplete: "off" });
+    pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", title: "height x width in pixels, such as 128x64", value: answers.image_size, autocomplete: "off" });
   form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
   reads.push(() => {
     answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x");
@@ -54,11 +52,24 @@ export function ask(sentence, question, before, about, send) {
   if (first instanceof HTMLElement) first.focus();
 }
 
+/**
+ * @param {string} sentence
+ * @param {import("./types.js").Question} question
+ * @param {Answers} before
+ */
+function why(sentence, { keys, shape, fitting }, before) {
+  if (keys) return "It holds several arrays: choose one.";
+  const first = before.preset ? `${sentence}.` : "It does not say which library made it.";
+  return fitting.length ? `${first} Presets whose descriptors have this shape come first, the likeliest on top.`
+    : `${first} With its default parameters no preset makes an array of ${shape?.join(" × ")} numbers: write the size of its ` +
+      "image, or save it by nablahog.save_descriptor, which keeps all parameters, and open that file.";
+}
+
 /** Takes the form away. */
 export function close() {
   const form = element("question", HTMLFormElement);
+  clear(form, element("file", HTMLInputElement));
   form.hidden = true;
-  form.replaceChildren();
 }
 
 /**

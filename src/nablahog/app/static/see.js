@@ -6,7 +6,7 @@ import { element, numberOf } from "./dom.js";
 import { paint, save, stem } from "./files.js";
 import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
-import { clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
+import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 
 const FIRST_SIZE = 512;
@@ -60,7 +60,7 @@ export class See {
   /** @param {boolean} shown */
   show(shown) {
     this.#shown = shown;
-    if (shown && this.#stale) this.refresh();
+    if (shown && (this.#stale || this.#of !== this.app.source.value?.id)) this.refresh();
   }
 
   /** Describes the source again. */
@@ -75,17 +75,22 @@ export class See {
   /** @param {NonNullable<import("./main.js").App["source"]["value"]>} source */
   async #draw(source) {
     const size = this.size;
+    let failed = false;
     const result = await this.#newest.run("Computes the descriptor", async (signal) => {
       /** @type {[Promise<import("./types.js").Hog>, Promise<ImageBitmap | null>]} */
       const both = [
         postJson("api/hog", { ...this.app.source.named, ...this.app.dialect.value, size }, signal),
         source.kind === "photo" ? this.app.source.picture(source.id, size, signal) : Promise.resolve(null),
       ];
-      return Promise.all(both);
+      return Promise.all(both).catch((error) => {
+        failed = !signal.aborted;
+        throw error;
+      });
     });
-    if (!result) return this.#blank(source.id);
+    if (!result) return failed ? this.#blank() : undefined;
     clearError();
     this.#of = source.id;
+    element("see-shown", HTMLElement).hidden = false;
     const [hog, picture] = result;
     this.#hog = hog;
     this.#cells.clear();
@@ -103,23 +108,21 @@ export class See {
       `Glyphs of ${source.name}: ${hog.glyphs.rows} rows and ${hog.glyphs.cols} columns of cells`);
     element("picture-caption", HTMLElement).textContent = `Photograph, ${width} × ${height} pixels`;
     element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyphs.rows} × ${hog.glyphs.cols} cells`;
-    element("shape", HTMLElement).textContent = `Descriptor ${hog.name}: ${hog.shape.join(" × ")}, ` +
+    const shape = `Descriptor ${hog.name}: ${hog.shape.join(" × ")}, ` +
       `${hog.numbers.toLocaleString("en")} numbers, ${hog.signed ? "signed" : "unsigned"} directions, ` +
       `${hog.milliseconds.toFixed(hog.milliseconds < 10 ? 1 : 0)} ms`;
+    element("shape", HTMLElement).textContent = shape;
+    announce(shape);
     element("see-download", HTMLButtonElement).disabled = false;
-    showLines(element("see-lines", HTMLElement), hog.lines);
+    showLines(element("see-lines", HTMLElement), hog.lines, this.app.source.sample);
     this.#glyphs.canvas.dataset.key = hog.key;
     if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyphs.rows - 1), Math.min(this.#at[1], hog.glyphs.cols - 1));
   }
 
-  /**
-   * Takes away what is shown, unless it is of the same source.
-   *
-   * @param {string} id
-   */
-  #blank(id) {
-    if (this.#of === id || this.app.source.value?.id !== id) return;
+  /** Takes away what is shown: it is of another source, or of other parameters. */
+  #blank() {
     this.#of = "";
+    element("see-shown", HTMLElement).hidden = true;
     this.#hog = null;
     for (const stage of [this.#picture, this.#glyphs]) {
       stage.canvas.width = stage.canvas.height = 2;
@@ -127,7 +130,7 @@ export class See {
       stage.mark([]);
     }
     delete this.#glyphs.canvas.dataset.key;
-    for (const place of ["shape", "cell", "see-lines"]) element(place, HTMLElement).replaceChildren();
+    element("cell", HTMLElement).replaceChildren();
     element("see-download", HTMLButtonElement).disabled = true;
   }
 

@@ -26,7 +26,7 @@ export class Session {
       let opened = false;
       socket.addEventListener("open", () => { opened = true; resolve(); });
       socket.addEventListener("close", () => {
-        reject(new ServerError(0, "The server does not open the connection for Fit."));
+        reject(new ServerError(0, "The server does not open the connection: press “Show the mesh” again."));
         if (socket !== this.#socket) return;
         this.#socket = null;
         if (opened) this.lost();

@@ -2,7 +2,7 @@
 
 import { getBlob, postFile, ServerError } from "./api.js";
 import { element, fill, make } from "./dom.js";
-import { pictureOf } from "./files.js";
+import { pictureOf, stem } from "./files.js";
 import { clearError, showError, LatestRequest, waiting } from "./progress.js";
 import * as question from "./question.js";
 
@@ -17,7 +17,7 @@ const MESHES = /\.(off|obj|ply|stl|glb)$/i;
 
 export class SourceChooser extends EventTarget {
   /** @type {PhotoSource | DescriptorSource | null} */
-  value = null;
+  #chosen = null;
   #newest = new LatestRequest("source-progress");
   /** @type {{key: string, picture: ImageBitmap}[]} */
   #pictures = [];
@@ -37,6 +37,20 @@ export class SourceChooser extends EventTarget {
     this.restore();
   }
 
+  /** @returns {PhotoSource | DescriptorSource | null} what was chosen, or the photograph that the view begins with */
+  get value() {
+    if (this.#chosen) return this.#chosen;
+    const { samples } = this.about;
+    const object = this.address.view === "fit" ? samples.find((each) => each.box) : undefined;
+    const first = samples.find((each) => each.own) ?? object ?? samples[0];
+    return first ? { kind: "photo", ...first } : null;
+  }
+
+  /** The photograph, if it is one that the reader has no file of. */
+  get sample() {
+    return this.about.samples.find((each) => each.id === this.value?.id && !each.own) ?? null;
+  }
+
   /** @returns {{photo: string} | {descriptor: string}} as requests name it */
   get named() {
     if (!this.value) throw new Error("no source");
@@ -46,7 +60,7 @@ export class SourceChooser extends EventTarget {
   /** Takes the source from the address. */
   restore() {
     const [photo, descriptor] = [this.address.get("photo"), this.address.get("descriptor")];
-    const sample = this.about.samples.find((each) => each.id === photo) ?? (photo ? null : this.about.samples[0]);
+    const sample = this.about.samples.find((each) => each.id === photo);
     const name = this.address.get("name") ?? "";
     if (descriptor) {
       const parts = (this.address.get("parts") ?? "").split(",").filter(Boolean).map((text, i) =>
@@ -58,6 +72,9 @@ export class SourceChooser extends EventTarget {
     } else if (photo) {
       const [width = 0, height = 0] = this.address.numbers("pixels", 2) ?? [];
       this.#take({ kind: "photo", id: photo, name, width, height }, false);
+    } else {
+      this.#chosen = null;
+      this.dispatchEvent(new Event("change"));
     }
   }
 
@@ -83,7 +100,8 @@ export class SourceChooser extends EventTarget {
    * @param {boolean} told whether the address is to follow
    */
   #take(source, told = true) {
-    this.value = source;
+    const other = source.id !== this.value?.id;
+    this.#chosen = source;
     const photo = source.kind === "photo" ? source : null, array = source.kind === "descriptor" ? source : null;
     if (told) {
       clearError();
@@ -92,26 +110,34 @@ export class SourceChooser extends EventTarget {
         photo: photo?.id ?? null, pixels: photo && !sample ? `${photo.width},${photo.height}` : null,
         name: sample ? null : source.name,
         descriptor: array?.whole ?? null, part: array && array.id !== array.whole ? array.id : null,
-        template: array?.template ? "1" : null, parts: array && array.parts.length > 1 ? array.parts.map((part) => part.id).join(",") : null, box: null, pose: null,
+        template: array?.template ? "1" : null, parts: array && array.parts.length > 1 ? array.parts.map((part) => part.id).join(",") : null,
+        ...other ? { box: null, pose: null, focal: sample ? null : photo?.focal ?? null } : {},
       });
     }
+    this.dispatchEvent(new Event("change"));
+  }
+
+  /** Says which one it is; each view may begin with another. */
+  say() {
+    const source = this.value;
+    const photo = source?.kind === "photo" ? source : null, array = source?.kind === "descriptor" ? source : null;
     const size = photo?.width ? `, ${photo.width} × ${photo.height} pixels` : "";
     const kind = photo ? "" : array?.template ? ", detector template" : ", descriptor";
-    element("source-name", HTMLElement).textContent = `${source.name || "Photograph"}${size}${kind}`;
+    element("source-name", HTMLElement).textContent = `${source?.name || "Photograph"}${size}${kind}`;
     for (const button of document.querySelectorAll("#samples button")) {
       button.setAttribute("aria-pressed", String(button instanceof HTMLElement && button.dataset.id === photo?.id));
     }
     const part = element("part", HTMLSelectElement);
     element("part-line", HTMLElement).hidden = !array || array.parts.length < 2;
     if (array) fill(part, array.parts, array.id);
-    this.dispatchEvent(new Event("change"));
   }
 
   #thumbnails() {
     const place = element("samples", HTMLElement);
     for (const sample of this.about.samples) {
-      const image = make("img", { alt: sample.name, width: 70, height: 70 });
-      const button = make("button", { type: "button", "data-id": sample.id, title: sample.name, "aria-pressed": false }, image);
+      const name = stem(sample.name);
+      const image = make("img", { alt: name, width: 70, height: 70 });
+      const button = make("button", { type: "button", "data-id": sample.id, title: name, "aria-pressed": false }, image);
       button.addEventListener("click", () => {
         question.close();
         this.#take({ kind: "photo", ...sample });
@@ -164,7 +190,7 @@ export class SourceChooser extends EventTarget {
     question.close();
     const most = this.about.limits.upload_bytes;
     if (file.size > most) {
-      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB.`));
+      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB: choose a smaller file.`));
     } else if (MESHES.test(file.name)) {
       this.openMesh(file);
     } else if (ARRAYS.test(file.name)) {

@@ -5,7 +5,8 @@
  * @typedef {{name: string, kind: Kind, default: string, choices: string[] | null, optional: boolean,
  *   least: number | null, most: number | null}} Parameter
  * @typedef {{name: string, signed: boolean, title: string, parameters: Parameter[]}} Preset
- * @typedef {{id: string, name: string, width: number, height: number, box?: Box | null}} PhotoInfo
+ * @typedef {{id: string, name: string, width: number, height: number, box?: Box | null,
+ *   focal?: number | null, own?: boolean}} PhotoInfo own: a file of the reader's
  * @typedef {{id: string, name: string}} Named
  * @typedef {{version: string, default_preset: string, presets: Preset[], samples: PhotoInfo[], meshes: Named[],
  *   priors: {signed: boolean, unsigned: boolean}, limits: {upload_bytes: number, see_size: number, invert_size: number},
@@ -19,7 +20,7 @@
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
  *   image_size: [number, number] | null}} DescriptorInfo
  * @typedef {{preset: string, settings: {[name: string]: string}, image_size: [number, number] | null}} FittingPreset
- * @typedef {{keys: string[] | null, fitting: FittingPreset[]}} Question
+ * @typedef {{keys: string[] | null, shape: number[] | null, fitting: FittingPreset[]}} Question
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],

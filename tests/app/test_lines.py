@@ -1,0 +1,156 @@
+"""The command and the lines of Python that the page shows do what it did, with the user's own file."""
+
+from __future__ import annotations
+
+import io
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+from skimage import data, feature
+from starlette.testclient import TestClient
+
+from nablahog import hog, load_descriptor, presets, sample_chairs, save_descriptor
+from nablahog.cli.main import main
+
+from .test_fit import box, until
+from .test_invert import events
+
+NAMES = ("my cat's photo.jpg", "-o.png", "@list.png", "größe $HOME.png")
+Run = Callable[[dict[str, str]], dict[str, Any]]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs both, in the folder of the file; the variables of the Python."""
+    monkeypatch.chdir(tmp_path)
+
+    def both(lines: dict[str, str]) -> dict[str, Any]:
+        words = shlex.split(lines["command"], comments=True)
+        assert words[0] == "nablahog"
+        assert main([*words[1:], "-q"]) in (0, 4)  # 4: a pose that is not sure
+        names: dict[str, Any] = {}
+        exec(lines["python"], names)
+        return names
+
+    return both
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_of_a_photograph(client: TestClient, tmp_path: Path, photo_file: bytes, name: str, run: Run) -> None:
+    (tmp_path / name).write_bytes(photo_file)
+    of = client.post("/api/photos", params={"name": name}, content=photo_file).json()["id"]
+    asked = {"preset": "skimage", "settings": {"orientations": "8", "cells_per_block": "2x2"}, "size": 50}
+    said = client.post("/api/hog", json={"photo": of, **asked}).json()
+    names = run(said["lines"])
+    stored = client.get(f"/api/hog/{said['key']}/file").content
+    (tmp_path / "page.npz").write_bytes(stored)
+    expected = load_descriptor("page.npz").descriptor.numpy()
+    (made,) = (path for path in tmp_path.glob("*.npz") if path.name != "page.npz")
+    np.testing.assert_allclose(load_descriptor(made).descriptor, expected, atol=1e-6)
+    np.testing.assert_allclose(names["descriptor"], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["prior", "no-prior"])
+def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes, method: str, run: Run) -> None:
+    (tmp_path / NAMES[0]).write_bytes(photo_file)
+    of = client.post("/api/photos", params={"name": NAMES[0]}, content=photo_file).json()["id"]
+    done = events(client, photo=of, preset="uoctti", method=method, seed=2)[-1][1]
+    names = run(done["lines"])
+    assert float(names["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+    (written,) = json.loads(Path("out/results.json").read_text(encoding="utf-8"))
+    assert written["distance"] == pytest.approx(done["distance"], abs=1e-3)
+    again = events(client, photo=of, method=method, start=done["id"])[-1][1]
+    assert again["lines"]["command"].startswith("# from the beginning")
+
+
+def arrays() -> dict[str, tuple[str, dict[str, str], Any]]:
+    """Files by a name of what is tested: the file's name, what was answered about it, and what it holds."""
+    random = np.random.default_rng(0)
+    image = data.camera()[100:164, 200:264]
+    image = image.astype(np.float32) / 255
+    blocks = feature.hog(image, cells_per_block=(2, 2), feature_vector=False).astype(np.float32)
+    asked = {"preset": "skimage", "settings": '{"cells_per_block": "2x2"}'}
+    uoctti = hog(image, "uoctti")
+    opencv = hog(image, presets.opencv(win_size=(64, 64)), layout="native")
+    return {
+        "row": ("a b.npy", {**asked, "image_size": "64x64"}, blocks.ravel()),
+        "blocks": ("b.npy", asked, blocks),
+        "cells of another layout": ("c.npy", {"preset": "opencv"}, hog(image, presets.opencv(win_size=(64, 64)))),
+        "opencv": ("o.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, opencv),
+        "key": ("k.npz", {"preset": "uoctti", "key": "left"}, {"left": uoctti, "right": uoctti}),
+        "template": ("svm.npy", {"as": "template"}, random.standard_normal(3781).astype(np.float32)),
+        "template of cells": (
+            "w.npy",
+            {"as": "template", "preset": "uoctti"},
+            random.standard_normal((4, 4, 31)).astype("f4"),
+        ),
+    }
+
+
+@pytest.mark.parametrize("which", [*arrays()])
+def test_of_an_array(client: TestClient, tmp_path: Path, which: str, run: Run) -> None:
+    name, answers, held = arrays()[which]
+    file = io.BytesIO()
+    np.savez(file, **held) if isinstance(held, dict) else np.save(file, held)
+    (tmp_path / name).write_bytes(file.getvalue())
+    of = client.post("/api/descriptors", params={"name": name, **answers}, content=file.getvalue()).json()
+    said = client.post("/api/hog", json={"descriptor": of["id"]}).json()
+    assert name in said["lines"]["command"]
+    names = run(said["lines"])
+    (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
+    made = names["weights" if "as" in answers else "descriptor"]
+    np.testing.assert_array_equal(made, load_descriptor("page.npz").descriptor)
+    if which in ("row", "template of cells"):
+        done = events(client, descriptor=of["id"])[-1][1]
+        assert float(run(done["lines"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+
+
+def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> None:
+    save_descriptor(tmp_path / "it's.npz", hog(np.eye(64, 48, dtype=np.float32), "uoctti"), "uoctti", (64, 48))
+    of = client.post(
+        "/api/descriptors", params={"name": "it's.npz"}, content=(tmp_path / "it's.npz").read_bytes()
+    ).json()
+    run(client.post("/api/hog", json={"descriptor": of["id"]}).json()["lines"])
+    done = events(client, descriptor=of["id"])[-1][1]
+    assert float(run(done["lines"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+
+
+@pytest.mark.parametrize("focal", [None, 400.0])
+def test_of_a_pose(client: TestClient, tmp_path: Path, focal: float | None, run: Run) -> None:
+    """Of a photograph whose file says a focal length, which the page may be told to ignore, and of a mesh with axes."""
+    scene = Image.open(io.BytesIO(client.get("/api/photos/scene-chair").content)).convert("RGB")
+    exif = Image.Exif()
+    exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
+    scene.save(tmp_path / "a chair.png", exif=exif)
+    chair = sample_chairs()["wooden-0"]
+    off = [f"OFF\n{len(chair.vertices)} {len(chair.faces)} 0\n"]
+    off += [f"{x} {z} {-y}\n" for x, y, z in chair.vertices.tolist()]  # y up, front to z
+    off += [f"3 {a} {b} {c}\n" for a, b, c in chair.faces.tolist()]
+    (tmp_path / "my chair.off").write_text("".join(off), encoding="utf-8")
+    photo, mesh = (
+        client.post(f"/api/{kind}", params=query, content=(tmp_path / query["name"]).read_bytes()).json()
+        for kind, query in (
+            ("photos", {"name": "a chair.png"}),
+            ("meshes", {"name": "my chair.off", "up": "y", "front": "z"}),
+        )
+    )
+    assert photo["focal"] == pytest.approx(366.0, abs=1)
+    opened = {"photo": photo["id"], "mesh": mesh["id"], "box": box(client), "focal": focal}
+    with client.websocket_connect("ws://127.0.0.1:8765/api/fit") as socket:
+        socket.send_json({"type": "open", **opened})
+        until(socket, "ready")
+        socket.send_json({"type": "fit"})
+        fitted = until(socket, "fitted", "error")[-1]
+    found = fitted["result"]
+    assert found["focal_length_from"] == ("assumed" if focal is None else "given")
+    pose = run(fitted["lines"])["pose"]
+    (written,) = json.loads(Path("out/poses.json").read_text(encoding="utf-8"))["annotations"]
+    for name in ("azimuth", "elevation", "distance", "confidence"):
+        assert getattr(pose, name) == pytest.approx(found[name], abs=0.02), name
+        assert written[name] == pytest.approx(found[name], abs=0.02), name
