@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from skimage import data, feature
 
 from nablahog import load_descriptor
@@ -119,13 +120,16 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     (tmp_path / "mine.png").write_bytes(photo_file)
     page.open("#/see")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.png"))
-    page.until("document.querySelector('#source-name').textContent.includes('mine.png')")
-    page.until("document.querySelector('#glyphs').dataset.key")
+    page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
     page.idle()
     address = page.driver.current_url
     page.open(f"#{address.partition('#')[2]}")  # a reload returns to it
-    page.until("document.querySelector('#glyphs').dataset.key")
+    page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
     page.idle()
+    Image.new("L", (5, 5)).save(tmp_path / "tiny.png")
+    page.driver.find_element("id", "file").send_keys(str(tmp_path / "tiny.png"))
+    page.until("document.querySelector('#see-shown').hidden && document.querySelector('#alert').textContent")
+    assert "5" in page.text("#alert")
     (tmp_path / "broken.png").write_bytes(b"no image")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "broken.png"))
     page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
@@ -135,9 +139,11 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
 @in_a_browser
 def test_invert(page: Page) -> None:
     page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&method=no-prior")
+    page.read("document.querySelector('#invert-start').focus()")
     page.click("#invert-start")
     page.until("document.querySelector('#preimage').dataset.state === 'done'")
     page.idle()
+    assert page.read("document.activeElement.id") == "invert-start"
     assert int(page.read("document.querySelector('#preimage').dataset.frames")) > 2
     assert "SSIM" in page.text("#figures")
     assert page.read("document.querySelector('#wipe input') !== null")
@@ -151,7 +157,8 @@ def test_invert(page: Page) -> None:
 
 @in_a_browser
 def test_fit(page: Page, folder: Path) -> None:
-    page.open("#/fit?photo=scene-chair&mesh=chair-wooden-0")
+    page.open("#/fit")  # begins with a photograph of a chair
+    page.until("document.querySelector('#source-name').textContent.includes('chair')")
     page.click("#fit-open")
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
@@ -164,6 +171,7 @@ def test_fit(page: Page, folder: Path) -> None:
     page.until("!document.querySelector('#fit-result').hidden")
     page.idle()
     assert page.read("document.querySelector('#overlay').naturalWidth") == 224
+    assert "confidence" in page.text("#fit-said")
     assert 20 < float(page.read("document.querySelector('#pose-azimuth').value")) < 50
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")

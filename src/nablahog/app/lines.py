@@ -215,6 +215,6 @@ def _keywords(method: str, quality: QualityName) -> list[str]:
     if method == "paper":
         return ["method='paper'"]
     return [
-        *(["prior='default'"] if method == "prior" else []),
+        *(["prior=None"] if method == "no-prior" else []),
         *([f"quality={quality!r}"] if quality != "best" else []),
     ]

@@ -158,14 +158,11 @@ def reconstruct_multiscale(
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
     published = as_published(
-        method,
-        prior=("default" if prior is None else prior, "default"),
-        search=(search, Search()),
-        objective=(objective, Objective()),
+        method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
     plan = _plan(targets, one, spec, image_size, scales, search, published)
-    learned = as_priors(prior, spec, by_default=published is None and search.samples is None)
-    start, expected = None, None
+    of_package = published is None and search.samples is None
+    learned, start, expected = as_priors(prior, spec, by_default=of_package), None, None
     if one and published is None:
         start, expected = _first_images(plan, spec, seed, learned)
     levels: list[Level] = []

@@ -132,7 +132,7 @@ def reconstruct(
         method,
         quality=(quality, "best"),
         expected=(expected, None),
-        prior=("default" if prior is None else prior, "default"),
+        prior=(prior or "default", "default"),
         search=(search, Search()),
         objective=(objective, Objective()),
     )

@@ -91,7 +91,7 @@ def _write_each(
         raise UserError(f"several inputs need a folder: expected -o DIR, got {got}")
     if to_stdout:
         with TemporaryDirectory(prefix="nablahog-stdout-") as temporary:
-            write(result := Path(temporary, "result"), sources[0])
+            write(result := Path(temporary, f"result{ending}"), sources[0])
             sys.stdout.buffer.write(result.read_bytes())
         return
     if not inputs.many and is_file and not output.is_dir():
