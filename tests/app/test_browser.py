@@ -122,6 +122,7 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.png"))
     page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
     page.idle()
+    page.until("location.hash.includes('mine.png')")
     address = page.driver.current_url
     page.open(f"#{address.partition('#')[2]}")  # a reload returns to it
     page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
