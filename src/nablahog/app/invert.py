@@ -86,7 +86,7 @@ def _searched(
 ) -> Reconstruction:
     start = None if request.start is None else _start(store, request.start, size)
     if start is None and searchable(spec).signed:
-        watch(at_start(_integral(descriptor, spec, size), descriptor, spec))
+        watch(at_start(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
     if request.method == "paper":
         return reconstruct(descriptor, spec, size, method=AsPublished(), seed=request.seed, start=start, watch=watch)
     prior: PriorChoice = PriorOptions(None, request.method == "prior").for_spec(spec)

@@ -32,7 +32,7 @@ class Reading:
 
 
 def of_file(name: str) -> Reading:
-    """Of a descriptor file of ours."""
+    """The reading of a file that ``save_descriptor`` wrote."""
     python = (
         "import nablahog",
         f"stored = nablahog.load_descriptor({name!r})",
@@ -42,7 +42,7 @@ def of_file(name: str) -> Reading:
 
 
 def of_model(name: str, number: int) -> Reading:
-    """Of a filter of a model of voc-release5."""
+    """The reading of one filter of a voc-release5 model."""
     python = (
         "import nablahog",
         "from nablahog.io.dpm_file import load_dpm",
@@ -62,7 +62,7 @@ def of_array(
     *,
     template: bool,
 ) -> Reading:
-    """Of an array of another library, which was read as ``source``; a bias may follow a template's weights."""
+    """The reading of another library's array, read as ``source``; a bias may follow a template's weights."""
     size, spec = source.image_size, source.spec
     shapes = (array.shape, (array.size,), (array.size - 1,))
     how = next(each for each in (fit(shape, spec, size) for shape in shapes) if each is not None)

@@ -16,9 +16,9 @@ from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockN
 from ..hog.spec import HOGSpec
 from .unknowns import from_cosines, to_cosines
 
-ROUNDS = 4  # that find ratios and shares in turns, each for the other fixed
-STEPS = 5  # of Newton's method and
-ITERATIONS, ACCURACY = 12, 1e-8  # of conjugate gradients: more make no difference
+ROUNDS = 4  # in which ratios and shares are found in turn, each with the other fixed
+STEPS = 5  # of Newton's method
+ITERATIONS, ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
 LEAST = 1e-3  # of its cell's largest entry: where the logarithm of an entry begins
 TINY = 1e-6
 

@@ -180,9 +180,6 @@ def reconstruct_multiscale(
                 step.descriptor, step.spec, step.size, step.published, seed=seed, start=start, progress=report
             )
         else:
-            own = learned if step is plan[-1] else None
-            if own is not None and spec.signed:
-                expected = own.own.expected(step.descriptor, step.spec, step.size)
             result = search_preimages(
                 step.descriptor,
                 step.spec,
@@ -190,7 +187,7 @@ def reconstruct_multiscale(
                 seed=seed,
                 start=start,
                 expected=expected,
-                learned=own,
+                learned=learned if step is plan[-1] else None,
                 search=step.search,
                 objective=objective if one else _with_coarser(objective, plan[:number], step),
                 fix_polarity=False,

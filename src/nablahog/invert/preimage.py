@@ -145,19 +145,12 @@ def reconstruct(
         return of_the_kind(result, descriptor)
     expected = check_images("expected", expected, targets, size, spec)
     learned = as_priors(prior, spec, by_default=expected is None and search.samples is None)
-    evaluations = quality_of(quality).on_histograms
-    votes = recover_histograms(targets, searchable(spec), size, max_evaluations=evaluations)
-    if learned is not None:
-        if expected is not None:
-            raise ValueError("expected images and a prior contradict each other: give one of them")
-        expected = learned.own.expected(targets, spec, size, votes)
-        if watch is not None:
-            watch(at_start(expected, targets, spec))
+    if learned is not None and expected is not None:
+        raise ValueError("expected images and a prior contradict each other: give one of them")
     result = search_preimages(
         targets,
         spec,
         size,
-        votes=votes,
         quality=quality,
         seed=seed,
         start=start,
@@ -176,7 +169,6 @@ def search_preimages(
     dialect: HOGSpec,
     size: tuple[int, int],
     *,
-    votes: Tensor | None = None,
     quality: QualityName = "best",
     seed: int,
     start: Tensor | None = None,
@@ -190,31 +182,33 @@ def search_preimages(
 ) -> Reconstruction:
     """The search of :func:`reconstruct`, for valid arguments.
 
-    ``votes`` are the histograms that :func:`.histograms.recover_histograms` has recovered, if they are there already.
-    ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` gives the details and the
-    confidence in the polarity; its expected image is passed as ``expected``.  With ``fix_polarity``, of the image for
-    an unsigned descriptor and its negative the likelier one is returned.
+    ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` predicts the expected images
+    that are not given, and gives the details and the confidence in the polarity.  With ``fix_polarity``, of the image
+    for an unsigned descriptor and its negative the likelier one is returned.
     """
     spec = searchable(dialect)
-    draws = expected is None and (spec.signed or start is not None)
+    draws = expected is None and learned is None and (spec.signed or start is not None)
     plan = _plan(spec, quality, seed, search, objective, draws, learned)
-    if votes is None:
-        votes = recover_histograms(targets, spec, size, max_evaluations=quality_of(quality).on_histograms)
+    on_histograms = quality_of(quality).on_histograms
     vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and targets.device.type != "cpu")
     of_one = plan.samples * vectors * size[0] * size[1] * targets.element_size()
     at_once = max(1, memory_for(targets.device, MEMORY, SHARE) // of_one)
-    searches, images = [], []
+    searches, images, confidences = [], [], []
     for part, report in parts(len(targets), at_once, progress):
         own = [prior.of(part) for prior in plan.priors]
         budget = plan.max_evaluations
         made = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
         searches.append(made)
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
-        images.append(_preimages(made, votes[part], own_start, own_expected, plan))
-    image = to_unit_range(torch.cat(images), spec)
-    confidence = None
-    if learned is not None and not spec.signed:
-        confidence = learned.own.polarity_confidence(image, targets, dialect, votes)
+        votes = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
+        if learned is not None and own_expected is None:
+            own_expected = learned.own.expected(targets[part], dialect, size, votes)
+            if watch is not None:
+                watch(at_start(own_expected, targets[part], dialect, part))
+        images.append(to_unit_range(_preimages(made, votes, own_start, own_expected, plan), spec))
+        if learned is not None and not spec.signed:
+            confidences.append(learned.own.polarity_confidence(images[-1], targets[part], dialect, votes))
+    image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
     if fix_polarity and not spec.signed:
         negative, confidence = negatives(image, confidence)
         image = negated(image, negative)

@@ -183,11 +183,14 @@ class Iterate:
         return as_returned(self.candidates.mean(dim=1), self.spec)
 
 
-def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec) -> Iterate:
-    """The state before a search: images (B, 1, H, W), roots where the dialect describes these, and their distance."""
+def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
+    """The state before the search of a part of a batch: images (b, 1, H, W) and their distance.
+
+    The images are roots where the dialect describes roots.
+    """
     none = torch.zeros(len(images), dtype=torch.long, device=images.device)
     distance = relative_distance(as_returned(images, spec), descriptor, spec)
-    return Iterate(slice(None), none, distance, images.unsqueeze(1), spec)
+    return Iterate(part, none, distance, images.unsqueeze(1), spec)
 
 
 Watch: TypeAlias = Callable[[Iterate], None]
