@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.io import savemat
+from scipy.ndimage import zoom
 
 from nablahog.io import dpm_file
 from nablahog.io.dpm_file import is_dpm_file, load_dpm
@@ -24,10 +25,15 @@ def test_root_and_parts(tmp_path: Path) -> None:
     root, parts = (each.weights for each in result.filters)
     assert root.dtype == torch.float32
     np.testing.assert_allclose(root, weights(ROOT, 0), atol=1e-6)
-    together = np.zeros((6, 8, 32))
-    together[2:4, 1:3] += weights(PART, 1)
-    together[3:5, 2:4] += weights(PART, 2)  # they overlap in one cell
-    np.testing.assert_allclose(parts, together, atol=1e-6)
+    together, covered = np.zeros((6, 8, 32)), np.zeros((6, 8), bool)
+    for rows, cols, number in ((slice(2, 4), slice(1, 3), 1), (slice(3, 5), slice(2, 4), 2)):
+        together[rows, cols] += weights(PART, number)
+        covered[rows, cols] = True
+    together[3, 2] /= 2  # where they overlap
+    np.testing.assert_allclose(parts[covered], together[covered], atol=1e-6)
+    background = zoom(weights(ROOT, 0), (2, 2, 1), order=1, mode="nearest", grid_mode=True)
+    scale = np.linalg.norm(together) / np.linalg.norm(background[covered])
+    np.testing.assert_allclose(parts[~covered], scale * background[~covered], atol=1e-5)
 
 
 def test_refusals(tmp_path: Path) -> None:

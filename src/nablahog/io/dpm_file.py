@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from ..runtime.text import one_line
 from .matfile import read_mat
@@ -37,7 +38,7 @@ class DPMModel:
         class_name: what it detects.
         cell_size: ``sbin``, pixels of a cell.
         filters: of each component that is not another's mirror image, the root, and all its parts where they are
-            expected, at twice the resolution; where two overlap, their weights add up.
+            expected, at twice the resolution: where two overlap, their mean, and where there is none, the root.
     """
 
     class_name: str
@@ -142,11 +143,20 @@ def _weights(block: dict[str, Any]) -> NDArray[np.float32]:
 
 
 def _together(root: NDArray[np.float32], parts: list[tuple[NDArray[np.float32], int, int]]) -> NDArray[np.float32]:
-    """Parts at their places in the root's frame, of twice its rows and columns."""
+    """Parts at their places in the root's frame, of twice its rows and columns; elsewhere the root, interpolated.
+
+    The root is scaled so that, where there are parts, it has as much energy as they have.
+    """
     whole = np.zeros((2 * root.shape[0], 2 * root.shape[1], CHANNELS), np.float32)
+    count = np.zeros((*whole.shape[:2], 1), np.float32)
     for weights, x, y in parts:
         rows, cols = weights.shape[:2]
         if min(x, y) < 0 or y + rows > whole.shape[0] or x + cols > whole.shape[1]:
             raise ValueError(f"a part of {rows}x{cols} cells at {y}, {x} is outside its root")
         whole[y : y + rows, x : x + cols] += weights
-    return whole
+        count[y : y + rows, x : x + cols] += 1
+    whole /= np.maximum(count, 1)
+    doubled = interpolate(torch.from_numpy(root).permute(2, 0, 1)[None], scale_factor=2, mode="bilinear")
+    background = doubled[0].permute(1, 2, 0).numpy()
+    scale = np.linalg.norm(whole) / max(np.linalg.norm(background * (count > 0)), np.finfo(np.float32).tiny)
+    return np.where(count > 0, whole, background * np.float32(scale))
