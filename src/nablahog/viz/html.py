@@ -50,7 +50,7 @@ def _template(name: str) -> jinja2.Template:
 def png(picture: Picture) -> str:
     """A picture, as :func:`~nablahog.io.images.to_pil` takes it, as the text of a PNG in base64."""
     buffer = io.BytesIO()
-    to_pil(picture).save(buffer, format="PNG", optimize=True)
+    to_pil(picture).save(buffer, format="PNG")
     return base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
