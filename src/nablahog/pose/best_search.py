@@ -180,13 +180,16 @@ class BestSearch:
         same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
         others = tuple(self._as_estimate(one, share=share) for one, share in runners_up(shares, best, same_view))
         rival = others[0].share if others else 0.0
+        lead = best.similarity - max((one.similarity for one in others), default=-math.inf)
         known = len(self.problem.models) == 1
         return self._as_estimate(
             best,
             traces=tuple(one.search_trace() for one in traced),
             runners_up=others,
             equivalent_azimuths=same_view,
-            confidence=confidence(best.similarity, rival, agreement, known_model=known) if self.calibrated else None,
+            confidence=confidence(best.similarity, rival, lead, agreement, known_model=known)
+            if self.calibrated
+            else None,
         )
 
     def _as_estimate(self, one: Hypothesis, **others: object) -> PoseEstimate:

@@ -19,8 +19,8 @@ from ..hog import HOGSpec
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.camera import rotation_matrices
-from ..render.renderer import Method
-from ..render.surface import simplify
+from ..render.renderer import LIGHT, Method
+from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
 from .crop import DISTANCE, FILL, SIDE, downsampled
@@ -33,8 +33,9 @@ VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks a
 _ROUNDS = 3  # with perspective the size is not quite the inverse of the distance; twice is within a tenth of a pixel
 DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses are as exact
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
-ALIKE = 0.9
+ALIKE = 0.95
 """Correlation above which no photograph tells two views apart."""
+_FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
 _CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
@@ -130,7 +131,7 @@ def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, s
     facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, _code(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
     made = cached_array(
-        "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation).numpy()
+        "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation, LIGHT).numpy()
     )
     return torch.from_numpy(made)
 
@@ -140,10 +141,14 @@ def _code() -> str:
     return code_key(_described)
 
 
-def _described(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
-    """Renders and describes the views for :func:`view_descriptors`."""
+def _described(
+    model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float, light: Light
+) -> Tensor:
+    """Renders and describes the views for :func:`view_descriptors`, (VIEW_COUNT, C · rows · cols)."""
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
+    if light is not LIGHT:
+        renderer = Renderer(renderer.mesh, renderer.camera, light=light, supersampling=renderer.supersampling)
     background = white_background(renderer.camera)
 
     def describe_views(some: Tensor) -> Tensor:
@@ -167,9 +172,10 @@ def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) 
 
 @lru_cache(maxsize=512)
 def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
-    """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, a multiple of ELEVATION_STEP."""
-    views = view_descriptors(model, elevation)
-    return views.flatten(1) @ coarse_whitener()(views).flatten(1).T
+    """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, degrees, lit from above."""
+    (background, shrink), whitener = coarse_background(), coarse_whitener()
+    views = _described(model, background.spec, whitener, shrink, elevation, _FROM_ABOVE)
+    return views @ whitener(views.reshape(VIEW_COUNT, -1, whitener.rows, whitener.cols)).flatten(1).T
 
 
 def equidistant_azimuths(count: int, first: float = 0.0) -> Tensor:

@@ -39,6 +39,7 @@ _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low simi
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
 KNOWN = -8.76, 5.88, -3.31, 0.0  # of a single model
 UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
+_TOLD_APART = 0.4  # similarity by which a single model's pose must lead another side's to be the likelier one, e : 1
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SHARPNESS = 0.5  # of the soft maximum, in units of similarity
 _NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
@@ -224,18 +225,21 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     return float((apart.abs() <= SAME_SIDE).double().mean())
 
 
-def confidence(similarity: float, rival: float, agreement: float, *, known_model: bool) -> float:
+def confidence(similarity: float, rival: float, lead: float, agreement: float, *, known_model: bool) -> float:
     """The probability that the rotation is within 15°, or one from which the model looks the same.
 
     Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
-    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.
+    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.  A single model that fits another side as
+    well is as likely to be seen from there, however well it fits.
 
     Args:
         similarity: calibrated, of the best pose.
         rival: share of the best runner-up; 0 if there is none.
+        lead: similarity of the best pose less that of the most similar runner-up; infinite if there is none.
         agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
         known_model: whether there is a single model.
     """
     constant, of_similarity, of_rival, of_agreement = KNOWN if known_model else UNKNOWN
     logit = constant + of_similarity * math.log1p(max(similarity, 0.0)) + of_rival * rival + of_agreement * agreement
-    return 1 / (1 + math.exp(-logit))
+    fits = 1 / (1 + math.exp(-logit))
+    return min(fits, 1 / (1 + math.exp(-lead / _TOLD_APART))) if known_model else fits
