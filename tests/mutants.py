@@ -5,8 +5,8 @@
 Operators, comparisons, signs, numbers and returned values are changed in a copy of this checkout.  For each change run
 the tests that execute the line, as coverage.py has recorded it in one run of the whole suite, the quickest first; for a
 line that runs when its module is imported, those that enter any function of the file.  Tests that start processes of
-their own are run last, with those of the same folder.  The record and the results are files; the same command goes on
-where it was stopped, by Ctrl-C or else.
+their own are run last, with those of the same folder.  The record and the results are files; the same command
+resumes a run that was stopped.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The public names, kinds and signatures are those of tests/public_surface.json.
 
-A change of the public surface is to be meant: after one, `python -m tests.test_public_surface` writes the file anew;
-look at its difference, and say in CHANGELOG.md what has changed.
+After an intended change of the public surface, `python -m tests.test_public_surface` writes the file anew; check its
+difference, and say in CHANGELOG.md what has changed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A real browser on the page: Chromium without a screen, and the server in a thread."""
+"""A real browser on the page: headless Chromium, and the server in a thread."""
 
 from __future__ import annotations
 

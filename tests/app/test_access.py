@@ -1,4 +1,4 @@
-"""Who may ask, and how much."""
+"""Access control: which requests are refused, and how large they may be."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def test_going_on(client: TestClient, photo: str) -> None:
     again = events(client, photo=photo, method="no-prior", start=done["id"], seed=1)[-1]
     assert again[0] == "done"
     name, refused = events(client, photo=photo, start="sample-camera")[-1]
-    assert (name, refused["error"]) == ("error", "an image to go on from must have 64x48 pixels, got 512x512")
+    assert (name, refused["error"]) == ("error", "an image to continue from must have 64x48 pixels, got 512x512")
 
 
 def test_a_descriptor_alone(client: TestClient) -> None:

@@ -1,4 +1,4 @@
-"""The command and the lines of Python that the page shows do what it did, with the user's own file."""
+"""The command and the lines of Python that the page shows do what the page did, with the user's own file."""
 
 from __future__ import annotations
 

@@ -70,16 +70,16 @@ def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
     said = client.post("/api/hog", json={"photo": photo, "preset": "dpm"}).json()
     cell = client.get(f"/api/hog/{said['key']}/cell?row=0&col=0").json()
     assert (cell["histogram"], cell["block"], cell["entries"]) == (None, None, [])
-    assert client.get(f"/api/hog/{said['key']}/cell?row=99&col=0").json()["error"].startswith("there are 8 rows")
+    assert client.get(f"/api/hog/{said['key']}/cell?row=99&col=0").json()["error"].startswith("expected a cell")
     assert client.get(f"/api/hog/{said['key']}/cell?row=x").json()["error"] == "expected row as an integer, got 'x'"
 
 
 @pytest.mark.parametrize(
     ("asked", "status", "sentence"),
     [
-        ({}, 422, "expected a photo or a descriptor, one of them"),
+        ({}, 422, "expected a photo or a descriptor, got neither"),
         ({"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),
-        ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog', but aubry"),
+        ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog'; there are aubry"),
         ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "uoctti has no parameter 'cell'"),
         (
             {"photo": "sample-camera", "settings": {"cell_size": "600"}},

@@ -1,4 +1,4 @@
-"""What may be dropped on the page, and what is asked back."""
+"""Uploads to the page: what it accepts, and what it asks about them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_an_array_is_asked_about(client: TestClient) -> None:
     data = _npy(array)
     asked = client.post("/api/descriptors?name=h.npy", content=data)
     assert asked.status_code == 422
-    assert asked.json()["error"].startswith("h.npy: an array does not say of which library it is")
+    assert asked.json()["error"].startswith("h.npy: an array does not say which library it is from")
     fitting = asked.json()["question"]["fitting"]
     skimage = {"preset": "skimage", "settings": {"cells_per_block": "2x2"}, "image_size": [128, 64]}
     opencv = {"preset": "opencv", "settings": {}, "image_size": None}
@@ -105,10 +105,10 @@ def test_a_mesh(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("address", "data", "sentence"),
     [
-        ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a model of .off, .obj, .ply, .stl, .glb"),
+        ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a model (.off, .obj, .ply, .stl, .glb)"),
         ("/api/meshes?name=m.off&up=q", CUBE, "up and front are axes such as z or -y, got 'q' and ''"),
         ("/api/meshes?name=m.off", b"OFF\n", "m.off: "),
-        ("/api/descriptors?name=d.pkl", b"x", "d.pkl: expected a descriptor of .npy, .npz, .mat"),
+        ("/api/descriptors?name=d.pkl", b"x", "d.pkl: expected a descriptor (.npy, .npz, .mat)"),
         ("/api/descriptors?name=d.npy&preset=uoctti", b"x", "d.npy: expected an array (.npy), but it cannot be read"),
         ("/api/descriptors?name=d.npy&settings=%7B", b"x", "expected JSON: "),
     ],

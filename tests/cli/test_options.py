@@ -1,4 +1,4 @@
-"""The size of the command: its options, its help, and completion in the shell."""
+"""The command as a whole: few options, its help, and completion in the shell."""
 
 from __future__ import annotations
 

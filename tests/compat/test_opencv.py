@@ -1,4 +1,4 @@
-"""Side by side with ``cv2.HOGDescriptor``, whose thresholds are all 0.2 here: it keeps the first one of a process."""
+"""Side by side with ``cv2.HOGDescriptor``; thresholds are all 0.2 here, as OpenCV keeps the first one of a process."""
 
 from __future__ import annotations
 

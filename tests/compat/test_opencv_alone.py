@@ -1,4 +1,4 @@
-"""What needs no OpenCV: stored outputs of its detection, native loops beside plain steps, the derivative of the score.
+"""Tests without OpenCV: stored outputs of its detection, native loops beside plain steps, the derivative of the score.
 
 How the outputs were made: ``tests/golden/README.md``.
 """

@@ -52,5 +52,5 @@ def test_digits_are_recognised() -> None:
 def test_other_images_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^images must be \(N, H, W\) or \(N, H, W, C\), or rows with an image_size"):
         HOGTransformer().fit(np.zeros((3, 16)))
-    with pytest.raises(ValueError, match=r"^rows of images of 8x8 pixels have one or three numbers each, got 63$"):
+    with pytest.raises(ValueError, match=r"^rows of images of 8x8 pixels .*, got 63 numbers$"):
         HOGTransformer(image_size=(8, 8)).fit(np.zeros((2, 63)))

@@ -1,4 +1,4 @@
-"""Damage that knows the format: of a container it changes the members, and writes lengths and checksums that fit."""
+"""Damage that knows the format: members of a container are changed, and its lengths and checksums adapted."""
 
 from __future__ import annotations
 

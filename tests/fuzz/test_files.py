@@ -1,4 +1,4 @@
-"""No damaged file crashes a reader, takes long or much memory, or is refused in words that say nothing."""
+"""No damaged file crashes a reader, takes long or much memory, or is refused without a reason."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Pre-images of any descriptor of any dialect: an image in 0…1, or a refusal in one sentence.
 
-Wrong is: an image of another shape, of NaN or outside 0…1, or a distance that is not the image's.
+Faults are: an image of another shape, with NaN or outside 0…1, or a distance that is not the image's.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The compiled operator beside the plain steps: any dialect, size, strides, dtype and values.
 
-Wrong is: a descriptor, vjp or jvp that is not that of the plain steps in the same dtype; anything finite where a pixel
-is not; anything that is not where pixels and plain steps are.
+Faults are: a descriptor, vjp or jvp that differs from that of the plain steps in the same dtype; a finite one where a
+pixel is not finite; one that is not finite where pixels and plain steps are.
 """
 
 from __future__ import annotations

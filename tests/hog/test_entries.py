@@ -1,4 +1,4 @@
-"""What descriptors have of histograms, and cells side by side."""
+"""Histograms in the entries of descriptors, and cells side by side."""
 
 from __future__ import annotations
 

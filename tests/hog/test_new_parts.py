@@ -1,4 +1,4 @@
-"""A normaliser and a pooling that nothing but their own class knows of go through everything."""
+"""A normaliser and a pooling that are known only to their own classes work everywhere."""
 
 from __future__ import annotations
 

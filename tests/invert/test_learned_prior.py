@@ -261,7 +261,7 @@ def test_draws_depend_on_the_seed_and_are_negatives_as_often_as_the_prior_thinks
 def test_what_does_not_fit() -> None:
     prior, descriptor = tiny_models.prior(PAPER), hog(photograph(64), PAPER)
     of_signed = hog(photograph(64), UOCTTI)
-    with pytest.raises(ValueError, match="prior was learned for unsigned descriptors, a uoctti descriptor is signed"):
+    with pytest.raises(ValueError, match=r"prior is for unsigned descriptors, .* uoctti descriptor is signed"):
         prior.expected(of_signed, UOCTTI, (64, 64))
     with pytest.raises(ValueError, match="expected images and a prior contradict each other"):
         reconstruct(descriptor, PAPER, prior=prior, expected=photograph(64))
@@ -278,7 +278,7 @@ def test_what_does_not_fit() -> None:
         reconstruct_samples(descriptor, PAPER, count=1)
     with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
         reconstruct_samples(descriptor, PAPER, prior=None)
-    with pytest.raises(ValueError, match="samples are drawn of unsigned descriptors"):
+    with pytest.raises(ValueError, match="need a prior for unsigned descriptors"):
         reconstruct_samples(of_signed, UOCTTI)
 
 
@@ -292,7 +292,7 @@ COUNT = len(tiny_models.prior().weights)
         ({"weights": np.zeros(COUNT - 1, np.float16)}, rf"shape \({COUNT},\), got float16 of \({COUNT - 1},\)"),
         ({"weights": np.zeros(COUNT, np.float32)}, "must be float16 of shape .* got float32"),
         ({"spec": np.array(PAPER.to_json())}, "the weights must be"),
-        ({"widths": np.array([8, 8, 0])}, "widths must be integers of 1 … 1024"),
+        ({"widths": np.array([8, 8, 0])}, "widths must be integers in 1…1024"),
         (
             {"widths": np.array([8] * 4), "blocks": np.array([1, 0, 0, 0])},
             "a prior for signed descriptors has 3 widths",

@@ -1,4 +1,4 @@
-"""One reconstruction's minimisations, by any minimiser: their account, their results in a batch, and on a device."""
+"""The minimisations of a reconstruction, by any minimiser: what they record, in a batch, and on a device."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ def test_closeness_keeps_levels_together() -> None:
     [
         (torch.zeros(1, 4, 4, 9), {"scales": ()}, "scales must fall"),
         (torch.zeros(1, 4, 4, 9), {"scales": (4, 4)}, "scales must fall"),
-        ([torch.zeros(1, 4, 4, 9)] * 3, {}, "descriptor for each of 4 scales, got 3"),
+        ([torch.zeros(1, 4, 4, 9)] * 3, {}, "4 in all, got 3"),
         (torch.zeros(1, 4, 4, 9), {"scales": (9, 1)}, "multiples of 3"),
         (torch.zeros(1, 4, 4, 9), {"image_size": (64, 64)}, r"must have shape \(8, 8, 9\)"),
         (torch.full((1, 4, 4, 9), torch.nan), {}, "finite"),

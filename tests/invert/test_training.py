@@ -1,4 +1,4 @@
-"""Training of priors: depends on neither luck nor interruptions, and keeps what is held out apart."""
+"""Training of priors: it depends on neither chance nor interruptions, and keeps held-out images apart."""
 
 from __future__ import annotations
 
@@ -138,12 +138,12 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
     path = tmp_path / "kept"
     trained(images, epochs=1, checkpoint=path)
     for name, value in (("seed", 1), ("epochs", 2), ("precision", "bfloat16")):
-        with pytest.raises(ValueError, match=rf"checkpoint of another training \(of other {name}\)"):
+        with pytest.raises(ValueError, match=rf"checkpoint of another training .*{name}"):
             trained(images, checkpoint=path, **{"epochs": 1, name: value})
     whole = path.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"x" * 1000):
         path.write_bytes(damaged)
-        with pytest.raises(ValueError, match="is not a checkpoint of a training, or damaged"):
+        with pytest.raises(ValueError, match="no checkpoint of a training"):
             trained(images, epochs=1, checkpoint=path)
 
 
@@ -152,13 +152,13 @@ def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {}}, "expected images to learn from, got none"),
         ({"images": {"a": camera[:31]}}, "a: expected at least 32x32 pixels, got 31x48"),
-        ({"images": {"a": camera * 255}}, "a: expected an image"),
-        ({"images": {"a": camera * torch.nan}}, "a: expected an image"),
+        ({"images": {"a": camera * 255}}, "a: expected gray values in 0…1"),
+        ({"images": {"a": camera * torch.nan}}, "a: .* got nan"),
         ({"epochs": 0}, "epochs must be at least 1"),
         ({"precision": "float16"}, "precision must be one of"),
         ({"architecture": Architecture((8, 8), (0, 0))}, "a prior for signed descriptors has 3 widths"),
-        ({"start": start}, "the prior was learned for unsigned descriptors"),
-        ({"kind": "unsigned", "start": start, "architecture": Architecture((8, 8, 9), (1, 0, 0))}, "to go on from"),
+        ({"start": start}, "the prior is for unsigned descriptors"),
+        ({"kind": "unsigned", "start": start, "architecture": Architecture((8, 8, 9), (1, 0, 0))}, "start must have"),
     ]
     for changed, message in wrong:
         with pytest.raises(ValueError, match=message):

@@ -93,5 +93,5 @@ def test_accounts() -> None:
 )
 def test_what_is_no_account(stored: str) -> None:
     assert stored != WRITTEN
-    with pytest.raises(ValueError, match=r"^its account of the learning cannot be read: "):
+    with pytest.raises(ValueError, match=r"^how it was learned cannot be read: "):
         CODEC.decode({"x": np.array(stored)}, "x")

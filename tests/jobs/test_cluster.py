@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster: results whatever dies, and a sentence where there is no cluster."""
+"""Jobs on a Dask cluster: results whatever process dies, and one sentence where there is no cluster."""
 
 from __future__ import annotations
 

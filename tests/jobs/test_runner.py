@@ -1,4 +1,4 @@
-"""Jobs in this process and in others: figures or one sentence, whatever dies, in one thread each, and none left."""
+"""Jobs in this process and in others: figures or one sentence, whatever process dies; in one thread each; none left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chumpy's dogleg with dense matrices, as its rules are described: the reference of ours."""
+"""Chumpy's dogleg with dense matrices, by its rules as described: the reference for ours."""
 
 from __future__ import annotations
 

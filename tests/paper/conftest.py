@@ -1,4 +1,4 @@
-"""Without processes, unless a test is about them."""
+"""No worker processes, unless a test is about them."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def test_photographs() -> None:
         ("a#1", None, 10, BOX),
     ]
     assert result.objects[0].candidates == tuple(CADS)
-    assert result.origin.startswith("Mine. Each is looked for by all of 3 models; no pose is given")
+    assert result.origin.startswith("Mine. Candidates for each: 3 models; no pose is given")
     assert result.failed == {"b": "no image"}
 
 
@@ -71,7 +71,7 @@ def test_scenes() -> None:
         assert [model.name for model in each.candidates] == [each.model]
         assert each.initial is not None
         assert abs(each.initial[1] - each.elevation) <= 5
-    assert result.origin.startswith("3 scenes of mine. Each object is looked for by its own model, from")
+    assert result.origin.startswith("3 scenes of mine. Each object is compared with its own model, from")
     assert len({each.initial for each in [*result.objects, *_rendered(seed=1).objects]}) == 6
 
 

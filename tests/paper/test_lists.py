@@ -48,7 +48,7 @@ def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
         ("", "line 1: expected the columns image, x, .* but image is missing"),
         ("image|x\na|1\n", "divided by commas, semicolons or tabs"),
         ("image,x,X\na,1,2\n", "line 1: expected one column x, got 2"),
-        ("image,x\na,1,5\n", "line 2: expected 2 values, one for each column, got more"),  # commas in numbers
+        ("image,x\na,1,5\n", "line 2: expected one value per column, 2 in all, got more"),  # commas in numbers
         ("image,x\n", "expected at least one row below the names of the columns, got none"),
         ("image,x\na,1\nb,1e400\n", "line 3, column x: expected a finite number of pixels, got '1e400'"),
         ("image,x\na\n", "line 2, column x: expected a finite number of pixels, got None"),
@@ -131,7 +131,7 @@ def test_objects_that_are_refused(tmp_path: Path, text: str, message: str) -> No
         ({"images": [{"id": "x"}]}, r"images\[0\], column id: expected an integer, got 'x'"),
         ({"images": [5]}, r"images\[0\]: expected an object"),
         ({"images": [{"id": 7}]}, r"annotations\[0\], column image_id: expected the id of one of the images, got 9"),
-        ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected another one for"),
+        ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected a different id for"),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2]}]}, r"column bbox: expected x, y, width"),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2, 3, True]}]}, r"bbox\[3\]: expected a finite number"),
     ],

@@ -109,7 +109,7 @@ def test_the_selection(published: tuple[Path, Path]) -> None:
     assert [each.box for each in result.objects] == [(0, 0, 110, 110), (0, 0, 125, 100)]
     assert result.left_out == {"occluded": 1, "truncated": 1, "difficult": 2, "without a viewpoint": 1}
     assert result.summary() == (
-        "2 objects of 1 photographs, 1 of them with coarse viewpoints only; "
+        "2 objects of 1 photograph, 1 of them with coarse viewpoints only; "
         "left out: 1 occluded, 1 truncated, 2 difficult, 1 without a viewpoint."
     )
     assert list(result.failed) == ["e"]
@@ -201,5 +201,5 @@ def test_lists(tmp_path: Path) -> None:
     (lists / "chair_val.txt").write_text("2008_000002 -1\n2008_000003  1\n2008_000005  0\n")
     assert read_image_ids(tmp_path, "chair", "val") == ["2008_000003", "2008_000005"]
     (lists / "chair_val.txt").write_text("2008_000003 1\n../../etc/passwd 1\n")
-    with pytest.raises(ValueError, match="expected lines as '2008_000003 1', got"):
+    with pytest.raises(ValueError, match="expected lines like '2008_000003 1', got"):
         read_image_ids(tmp_path, "chair", "val")

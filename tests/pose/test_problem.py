@@ -1,4 +1,4 @@
-"""What a search answers, as a matrix and in the model's units, and penalties of what photographs seldom show."""
+"""The result of a search as a matrix and in the model's units, and penalties for what photographs seldom show."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
     [
         ({"images": {}}, "expected images to learn from, got none"),
         ({"order": -1}, "order must be at least 0, got -1"),
-        ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
+        ({"spec": presets.paper(4)}, "a locally normalised descriptor"),
         ({"images": {"low": torch.zeros(19, 50)}}, "low: expected a gray image of at least 20x20 pixels, got 19x50"),
         ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan: the image must be finite"),
     ],
@@ -161,7 +161,7 @@ def test_no_templates(photographs: Background, templates: Tensor) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"spec": presets.paper(4)}, "locally normalised descriptors only"),
+        ({"spec": presets.paper(4)}, "a locally normalised descriptor"),
         ({"mean": torch.full((3,), torch.nan, dtype=torch.float64)}, r"mean must lie within ±1e\+06, got NaN"),
         ({"covariance": torch.zeros(3, 4, 3, 3, dtype=torch.float64)}, r"covariance must be float64 of shape \(3, 5,"),
         ({"covariance": torch.full((1, 1, 3, 3), torch.inf, dtype=torch.float64)}, "got NaN, Inf or more"),

@@ -1,4 +1,4 @@
-"""Other conventions: by few lines of each convention's own formulas, and rigid motions by OpenCV."""
+"""Other conventions, against a few lines of each one's own formulas; rigid motions against OpenCV."""
 
 from __future__ import annotations
 

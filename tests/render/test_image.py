@@ -1,4 +1,4 @@
-"""The image: how much of each pixel is covered, by what brightness, before which background."""
+"""The image: how much of each pixel is covered, with what brightness, before which background."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text that a terminal does not obey, of a length that people read."""
+"""Text without control characters for terminals, and of limited length."""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class AccessRules:
-    """The accepted names in the header Host, with any port, since one may be forwarded; or, but on the loopback, a
-    token that all requests must know."""
+    """The names accepted in the header Host, with any port, since it may be forwarded; or, if the server listens not
+    only on the loopback, a token that all requests must have."""
 
     hosts: frozenset[str]
     token: str | None
@@ -51,7 +51,7 @@ class AccessRules:
         asked = {host, headers.get("x-forwarded-host", host)}
         ours = {f"{scheme}://{each}" for scheme in ("http", "https") for each in asked}
         if origin is not None and origin not in ours:
-            return 403, f"requests of other pages are refused, this one is of {origin[:80]!r}"
+            return 403, f"requests of other pages are refused; this one is from {origin[:80]!r}"
         asked_by = headers.get("sec-fetch-site", "same-origin")
         if asked_by not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere
             return 403, "requests of other pages are refused"

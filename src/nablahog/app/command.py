@@ -34,7 +34,7 @@ def app(arguments: Namespace) -> None:
     hosts = frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
     made = make_app(AccessRules(hosts, token), photographs)
     query = "" if token is None else f"?token={token}"
-    say(f"Look at http://{shown}:{port}/{query} until Ctrl-C")
+    say(f"The page is at http://{shown}:{port}/{query} until Ctrl-C")
     config = uvicorn.Config(
         made, log_level="error", ws="websockets-sansio", ws_max_size=2**16, timeout_graceful_shutdown=2
     )

@@ -113,14 +113,14 @@ def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
     image = gray(store.get(key, Photograph).image[None])
     if tuple(image.shape[2:]) != size:
         got = "x".join(map(str, image.shape[2:]))
-        raise RequestError(422, f"an image to go on from must have {size[0]}x{size[1]} pixels, got {got}")
+        raise RequestError(422, f"an image to continue from must have {size[0]}x{size[1]} pixels, got {got}")
     return image
 
 
 class _Watch:
-    """Sends a frame of the search now and then, and ends it when nobody waits.
+    """Sends a frame of the search now and then, and ends the search when nobody waits for it.
 
-    At most ``most`` evaluations are spent; None where iterations are counted.
+    ``most`` is the largest number of evaluations; None where iterations are counted.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class _Watch:
         effort = quality_of(request.quality)
         signed = {"prior": effort.with_prior, "no-prior": effort.evaluations}
         by_method = signed if spec.signed else dict.fromkeys(signed, effort.without_samples)
-        self.most = by_method.get(request.method)  # none of the paper's
+        self.most = by_method.get(request.method)  # None for the paper's
         self._sent = -math.inf
 
     def __call__(self, iterate: Iterate) -> None:

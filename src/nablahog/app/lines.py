@@ -94,7 +94,7 @@ def for_hog(request: HogRequest, photo: str) -> dict[str, str]:
 
 
 def for_glyphs(reading: Reading, *, template: bool) -> dict[str, str]:
-    """The lines for a picture of a descriptor from a file; of templates, whose glyphs no command draws, pre-images."""
+    """The lines for a picture of a descriptor from a file; of a template, whose glyphs no command draws, pre-images."""
     command = _command("glyph", reading.file, "-o", f"{_stem(reading.file)}_glyphs.png", *reading.options)
     if template:
         command = _command("invert", reading.file, "--template", "-o", "out", *reading.options)
@@ -127,7 +127,7 @@ def for_inversion(request: InvertRequest, of: str | Reading) -> dict[str, str]:
     arguments = [f"seed={request.seed}", *_keywords(request.method, request.quality)]
     call = f"result = nablahog.reconstruct(descriptor[None], spec, size, {', '.join(arguments)})"
     python = [*described, call, "print(result.image.shape, result.distance)"]
-    again = "" if request.start is None else "# from the beginning, not from the image that the page went on from\n"
+    again = "" if request.start is None else "# from the beginning, not from the image that the page continued from\n"
     return {
         "command": again + _command("invert", file, "-o", "out", *options),
         "python": again + "\n".join(python),
@@ -181,7 +181,7 @@ def _command(name: str, file: str, *words: str) -> str:
 
 
 def _argument(file: str) -> str:
-    """A file's name as the command takes it: not for an option, nor for a list of files."""
+    """A file's name that the command takes neither for an option nor for a list of files."""
     return f"./{file}" if file[:1] in ("-", "@") else file
 
 

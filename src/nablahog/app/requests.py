@@ -1,4 +1,4 @@
-"""The page's requests, as JSON: their fields, types and ranges; its errors: one sentence, with the status of HTTP."""
+"""The page's requests as JSON, with fields, types and ranges; its errors: one sentence and an HTTP status."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..runtime.text import one_line
 GONE = "the server no longer has this file, as after a restart: open it again"
 _OPTIONS = (
     ("(; this fits|; its shape fits|; by the error of|: expected --preset) .*", ""),
-    (": expected --image-size HxW", ": write the size of the image"),
+    (": expected --image-size HxW", ": enter the size of the image"),
     ("expected one array or --key NAME", "expected one array"),
     ("expected one descriptor in a file, got .*", r"\g<0>; save one of them in a file of its own"),
     ("--key goes with", "a name of an array goes with"),
@@ -41,7 +41,7 @@ def _for_the_page(sentence: str) -> str:
 
 
 class RequestError(Exception):
-    """An error that the user of the page can correct: a status of HTTP, and an answer with a sentence."""
+    """An error that the user of the page can correct: an HTTP status, and an answer with a sentence."""
 
     def __init__(self, status: int, sentence: str, **more: Any) -> None:
         super().__init__(sentence)
@@ -80,9 +80,7 @@ def as_answer(error: Exception) -> RequestError:
     if isinstance(error, RequestError):
         return error
     logger.error("%s: %s", type(error).__name__, one_line(error), exc_info=logger.isEnabledFor(logging.DEBUG))
-    return RequestError(
-        500, f"an error of the program, which is worth a report: {type(error).__name__}: {one_line(error)}"
-    )
+    return RequestError(500, f"an error in the program, please report it: {type(error).__name__}: {one_line(error)}")
 
 
 Name = Annotated[str, Meta(max_length=64)]
@@ -108,9 +106,9 @@ class Dialect(Struct, forbid_unknown_fields=True):
 
 
 def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
-    """The options of the command line that mean the same; of no preset, none."""
+    """The same as options of the command line; without a preset, none."""
     if preset is not None and preset not in PRESETS:
-        raise RequestError(422, f"there is no preset {preset!r}, but {', '.join(PRESETS)}")
+        raise RequestError(422, f"there is no preset {preset!r}; there are {', '.join(PRESETS)}")
     with as_request_error():
         return SpecOptions(preset, settings=tuple(settings.items()))
 
@@ -165,13 +163,13 @@ class Turn(Struct, forbid_unknown_fields=True, tag="pose"):
 
 
 class Curve(Struct, forbid_unknown_fields=True, tag="curve"):
-    """The similarity over all azimuths, at the other parameters of a pose."""
+    """The similarity over all azimuths, with the other parameters of a pose."""
 
     pose: Pose
 
 
 class Fit(Struct, forbid_unknown_fields=True, tag="fit"):
-    """The search of a pose; ``pose`` is where it begins, unless that is unknown."""
+    """The search for a pose; it begins at ``pose`` if ``from_here``."""
 
     method: SearchMethod = "best"
     seed: Seed = 0

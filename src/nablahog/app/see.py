@@ -1,4 +1,4 @@
-"""See: descriptors and their glyphs, and what a cell says."""
+"""See: descriptors and their glyphs, and the numbers of a cell."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from .store import DescriptorEntry, Photograph, Store
 def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> DescriptorEntry:
     """The descriptor that a request is about."""
     if (request.photo is None) == (request.descriptor is None):
-        raise RequestError(422, "expected a photo or a descriptor, one of them")
+        got = "neither" if request.photo is None else "both"
+        raise RequestError(422, f"expected a photo or a descriptor, got {got}")
     if request.descriptor is not None:
         return store.get(request.descriptor, DescriptorEntry)
     assert request.photo is not None
@@ -79,7 +80,7 @@ def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
     rows, cols, _ = votes.shape
     if not (0 <= row < rows and 0 <= col < cols):
         raise RequestError(
-            422, f"there are {rows} rows and {cols} columns of cells, expected one of them, got {row}, {col}"
+            422, f"expected a cell in row 0…{rows - 1} and column 0…{cols - 1}, got row {row}, column {col}"
         )
     height, width = spec.cell_size
     box = [col * width, row * height, min((col + 1) * width, size[1]), min((row + 1) * height, size[0])]

@@ -70,7 +70,6 @@ class Server:
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
-        """All routes."""
         files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in sorted(STATIC.iterdir())}
 
         async def page(_: Request) -> Response:
@@ -103,7 +102,7 @@ class Server:
         return await asyncio.shield(self._about)
 
     def _upload(self, default: str, keep: Callable[[bytes, str, Mapping[str, str], Store], dict[str, Any]]) -> Handler:
-        """The handler of uploads of a kind; few are in memory at once, whoever is slow is refused."""
+        """The handler of uploads of a kind; few are in memory at once, and slow ones are refused."""
 
         async def uploaded(request: Request) -> Response:
             name, query = _name(request, default), dict(request.query_params)
@@ -148,7 +147,7 @@ class Server:
 
     async def _invert(self, request: Request) -> Response:
         asked: InvertRequest = decoded(await request.body(), InvertRequest)
-        see.requested_descriptor(asked, self.store)  # a refusal here has a status of HTTP
+        see.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 
     async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:
@@ -241,7 +240,7 @@ def _event(name: str, data: dict[str, Any]) -> bytes:
 
 
 def _name(request: Request, default: str) -> str:
-    """The user's name of an uploaded file: shown, and its ending read, nothing else."""
+    """The user's name of an uploaded file; it is shown, and its ending is read, nothing else."""
     name = request.query_params.get("name", default)[-120:].replace("\\", "/").rpartition("/")[2]
     return "".join(each if each.isprintable() else "�" for each in name) or default
 

@@ -1,4 +1,4 @@
-"""Uploads: photographs, files of descriptors, templates of detectors, and meshes; what was not used longest goes first.
+"""Uploads: photographs, files of descriptors, templates of detectors, and meshes; the least recently used go first.
 
 A file is written under a name of our own into a temporary folder, read by the same functions as the command line's, and
 removed; nothing else of a request becomes a path.
@@ -49,7 +49,7 @@ AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 class Photograph:
     """A photograph (C, H, W), float32 in 0…1, with the name of its file.
 
-    If they are known, with the box of an object in it, and the focal length that the file says, both in pixels.
+    The box is that of an object in it, the focal length that of the file, in pixels; None if unknown.
     """
 
     name: str
@@ -65,7 +65,6 @@ class Photograph:
 
     @property
     def nbytes(self) -> int:
-        """Bytes."""
         smaller = min(self.image.numel(), 3 * SEE_SIZE**2)
         return 4 * (self.image.numel() + SMALLER * smaller)
 
@@ -82,7 +81,7 @@ class Photograph:
 
 @dataclass(frozen=True, eq=False)
 class DescriptorEntry:
-    """A descriptor, of a photograph or a file, which says how it is read; with ``template``, weights of a detector."""
+    """A descriptor of a photograph or a file, and how the file is read; with ``template``, weights of a detector."""
 
     source: Source
     template: bool = False
@@ -90,14 +89,13 @@ class DescriptorEntry:
 
     @property
     def nbytes(self) -> int:
-        """Bytes."""
         photo = 0 if self.source.photo is None else self.source.photo.numel()
         return 4 * (self.source.descriptor.numel() + photo)
 
 
 @dataclass(frozen=True, eq=False)
 class MeshEntry:
-    """A mesh, normalised, the name of its file, and the axes by which it was read, if they were said."""
+    """A mesh, normalised, the name of its file, and the axes by which it was read, if they were given."""
 
     name: str
     mesh: Mesh
@@ -139,7 +137,7 @@ class Store:
         """Keeps something, unless it is larger than all that may be kept; the same content has the same id."""
         if kept.nbytes > self._most:
             raise RequestError(
-                413, f"this takes {kept.nbytes:,} bytes of memory, more than the {self._most:,} there are"
+                413, f"this takes {kept.nbytes:,} bytes of memory, more than the {self._most:,} available"
             )
         digest = hashlib.sha256(self._secret)
         for each in (type(kept).__name__.encode(), *content):
@@ -189,7 +187,7 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
     """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
     ending = Path(name).suffix.lower()
     if ending not in ARRAYS:
-        raise RequestError(422, f"{name}: expected a descriptor of {', '.join(ARRAYS)}")
+        raise RequestError(422, f"{name}: expected a descriptor ({', '.join(ARRAYS)}), got the ending {ending!r}")
     template = query.get("as") == "template"
     settings: dict[str, str] = decoded(query.get("settings") or "{}", Settings)
     options, size = spec_options(query.get("preset") or None, settings), _image_size(query.get("image_size"))
@@ -270,7 +268,7 @@ def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict
     """Keeps the mesh in a file."""
     ending, up, front = Path(name).suffix.lower(), query.get("up", ""), query.get("front", "")
     if ending not in MESHES:
-        raise RequestError(422, f"{name}: expected a model of {', '.join(MESHES)}")
+        raise RequestError(422, f"{name}: expected a model ({', '.join(MESHES)}), got the ending {ending!r}")
     if up not in AXES or front not in AXES:
         raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
     with _as_file(data, name, f"model{ending}") as path:
@@ -284,7 +282,7 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
         return None
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
     if match is None:
-        raise RequestError(422, f"expected an image size as 128x64, height first, got {text[:40]!r}")
+        raise RequestError(422, f"expected an image size such as 128x64, height first, got {text[:40]!r}")
     return int(match[1]), int(match[2])
 
 

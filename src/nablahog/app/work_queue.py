@@ -65,7 +65,7 @@ class WorkQueue:
     ) -> AsyncGenerator[T, None]:
         """What ``work`` sends, as it comes; when this is closed, the work ends.
 
-        Of what is droppable, :data:`WAITING` wait for a slow reader.
+        Of droppable items, at most :data:`WAITING` wait for a slow reader.
         """
         loop, sent = asyncio.get_running_loop(), asyncio.Queue[T | None]()
 

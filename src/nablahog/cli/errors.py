@@ -66,7 +66,6 @@ class Skipping:
 
     @property
     def status(self) -> int:
-        """The exit status."""
         return SOME_SKIPPED if self.skipped else 0
 
 

@@ -66,7 +66,6 @@ def parser() -> argparse.ArgumentParser:
 
 
 def app(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog app``."""
     command = commands.add_parser(
         "app",
         help="a page in the browser to see, invert and fit",

@@ -27,7 +27,7 @@ _quiet = False
 
 
 def be_quiet(quiet: bool) -> None:
-    """Silences tables, lines and progress, or no longer; errors are always printed."""
+    """Silences tables, lines and progress, or shows them again; errors are always printed."""
     global _quiet
     _quiet = quiet
 

@@ -201,7 +201,7 @@ def _planes(values: Image, channel_axis: int | None) -> Image:
 
 def _gradient(planes: NDArray[Any] | Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Gx, Gy (C, M, N) of an image's channels."""
-    if isinstance(planes, np.ma.MaskedArray):  # what NumPy leaves behind where a difference is masked is described
+    if isinstance(planes, np.ma.MaskedArray):  # takes the values that NumPy leaves where a difference is masked
         gx, gy = np.zeros((2, *planes.shape), planes.dtype)
         gx[:, :, 1:-1] = planes[:, :, 2:] - planes[:, :, :-2]
         gy[:, 1:-1] = planes[:, 2:] - planes[:, :-2]
@@ -259,7 +259,7 @@ def _strokes(
         # the absolute ends are truncated, not those relative to the cell's centre: cells may differ by rounding
         top, left = np.trunc(y - down[k]).astype(int), np.trunc(x + right[k]).astype(int)
         if left.min() < 0:
-            raise ValueError(f"{bins} lines leave the picture in cells of one pixel's width; use wider cells")
+            raise ValueError(f"lines of {bins} orientations leave the picture in cells one pixel wide; use wider cells")
         rise, run = np.trunc(y + down[k]).astype(int) - top, np.trunc(x - right[k]).astype(int) - left
         for dy in np.unique(rise):
             for dx in np.unique(run):

@@ -77,7 +77,7 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         (height, width), (count, features) = self.image_size, values.shape
         if features not in (height * width, 3 * height * width):
             raise ValueError(
-                f"rows of images of {height}x{width} pixels have one or three numbers each, got {features}"
+                f"rows of images of {height}x{width} pixels must have 1 or 3 numbers a pixel, got {features} numbers"
             )
         return values.reshape(count, height, width, -1)
 

@@ -19,7 +19,7 @@ from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .priors import Prior
 
-LARGEST_ENTRY = 1e6  # far above any descriptor of an image, and small enough that energies of energies do not overflow
+LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that its fourth power does not overflow
 
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
@@ -61,7 +61,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     check_finite("the descriptor", descriptor)
     largest = float(descriptor.detach().abs().max())
     if largest > LARGEST_ENTRY:
-        raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in size, got one of {largest:g}")
+        raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in magnitude, got {largest:g}")
     return height, width
 
 
@@ -71,13 +71,13 @@ def checked_size(image_size: object) -> tuple[int, int]:
         height, width = map(operator.index, image_size)  # type: ignore[call-overload]
         if min(height, width) > 0:
             return height, width
-    raise ValueError(f"image_size must be the (height, width) of the image, two integers, got {shortened(image_size)}")
+    raise ValueError(f"image_size must be (height, width), two integers of at least 1, got {shortened(image_size)}")
 
 
 def check_images(
     name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
 ) -> Tensor | None:
-    """``images``, or their roots where the dialect describes these, in the descriptor's dtype and on its device."""
+    """``images`` in the descriptor's dtype and on its device; their square roots if the spec has ``gamma="sqrt"``."""
     if images is None:
         return None
     if not isinstance(images, Tensor):
@@ -93,15 +93,12 @@ def check_images(
 
 
 class Quality(NamedTuple):
-    """The budget of a search: evaluations of the operator, with several samples, without, or with a signed prior.
-
-    ``samples`` is how many.
-    """
+    """The budget of a search in evaluations of the operator: with several samples, without, or with a signed prior."""
 
     evaluations: int
     without_samples: int
     with_prior: int
-    samples: int
+    samples: int  # how many are drawn
     on_histograms: int  # evaluations of the normaliser alone, to invert it; they cost time per cell, not per pixel
 
 
@@ -144,7 +141,7 @@ class Search:
     def __post_init__(self) -> None:
         check_choice("minimiser", self.minimiser, Minimiser)
         if self.max_evaluations is not None and self.max_evaluations < 2:
-            raise ValueError(f"max_evaluations must be at least 2, one for each objective, got {self.max_evaluations}")
+            raise ValueError(f"max_evaluations must be at least 2, got {self.max_evaluations}")
         if self.samples is not None and self.samples < 1:
             raise ValueError(f"samples must be at least 1, got {self.samples}")
 
@@ -184,7 +181,7 @@ class Objective:
             if value is not None and not 0 <= value < float("inf"):
                 raise ValueError(f"{name} must be a finite number of at least 0, got {value}")
         if not isinstance(self.priors, Sequence) or not all(isinstance(prior, Prior) for prior in self.priors):
-            raise TypeError(f"priors must be a list of priors, got {self.priors!r}")
+            raise TypeError(f"priors must be a list of Prior objects, got {self.priors!r}")
         object.__setattr__(self, "priors", tuple(self.priors))
 
 
@@ -230,7 +227,7 @@ class AsPublished:
 
 
 def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:
-    """The options of the paper's search, which takes none of ``options``, each with its default; None for the other."""
+    """The options of the paper's search, None for the default method; ValueError if an option of the latter is set."""
     if not isinstance(method, AsPublished):
         check_choice("method", method, InversionMethod)
         if method == "default":
@@ -238,5 +235,5 @@ def as_published(method: InversionMethod | AsPublished, **options: tuple[object,
         method = AsPublished()
     for name, (value, default) in options.items():
         if value is not default and value != default:
-            raise ValueError(f"{name} is an option of the default method, the paper's search does not take it")
+            raise ValueError(f"{name} is an option of the default method; the paper's search does not take it")
     return method

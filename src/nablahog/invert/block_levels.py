@@ -1,4 +1,4 @@
-"""Histograms of four-block descriptors in closed form, but for what the clip hides: where their search begins.
+"""Histograms of four-block descriptors, in closed form but for the clip: the start of a search for them.
 
 A texture channel is t = c · Σ_o min(h_o / N, clip), of a cell h and one of its four blocks, with energy N².  Without
 the clip it is the ratio of the cell's level Σ_o h_o to N, so the levels of the cells of one block are known relative to
@@ -16,17 +16,17 @@ from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockN
 from ..hog.spec import HOGSpec
 from .unknowns import from_cosines, to_cosines
 
-ROUNDS = 4  # in which ratios and shares are found in turn, each with the other fixed
+ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
 STEPS = 5  # of Newton's method
 ITERATIONS, ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
-LEAST = 1e-3  # of its cell's largest entry: where the logarithm of an entry begins
+LEAST = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
 TINY = 1e-6
 
 
 def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
     """Histograms (B, bins, rows, cols) of descriptors (B, rows, cols, channels), of mean level 1.
 
-    None where a descriptor does not tell blocks apart: without texture, or without the histograms that texture sums.
+    None for a descriptor that does not tell blocks apart: one without texture, or without the histograms that it sums.
     """
     normalizer = spec.normalizer
     if not isinstance(normalizer, FourBlockNorm):
@@ -69,8 +69,8 @@ def _unclipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[
 def _levels(ratios: Tensor, known: Tensor) -> Tensor:
     """Logarithms of levels (B, 1, rows, cols), of mean 0, from those of ratios (B, 4, rows, cols) to blocks.
 
-    Least squares, where ``known`` is 1, over the levels of cells and of blocks.  The latter are means, which leaves
-    equations for the former; if all ratios are known, cosines solve them.
+    Least squares, where ``known`` is 1, over the levels of cells and of blocks.  Those of blocks are means, which
+    leaves equations for those of cells; if all ratios are known, the cosine basis solves them.
     """
     blocks = _to_blocks(known).clamp(min=TINY)
 

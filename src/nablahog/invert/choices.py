@@ -1,4 +1,4 @@
-"""The names of options.  Importing it does not load PyTorch, which would slow ``nablahog --help`` down."""
+"""The names of options.  Importing this module does not load PyTorch, which would slow ``nablahog --help`` down."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a descriptor, before any search: cell histograms, and the smooth image that they integrate to, where it begins.
+"""The start of a search, from the descriptor alone: cell histograms, and the smooth image that they integrate to.
 
 Normalisation seems to destroy the contrast of each cell.  But a descriptor holds each histogram divided by the energies
 of several neighbourhoods, and these overlap.  So the histograms before Eq. 7 can be recovered, up to one factor for the
@@ -32,12 +32,12 @@ from .signs import expected_cells
 from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
-AFTER_CLOSED_FORM = 60  # evaluations, which suffice where the search begins near the end
-FLOOR = 1e-3  # of the largest entry: where a sparse histogram's logarithm starts from
+AFTER_CLOSED_FORM = 60  # evaluations, which suffice after a start in closed form
+FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
 
 
 def searchable(spec: HOGSpec) -> HOGSpec:
-    """The spec with which images are searched: nearly the same, and easier to minimise.
+    """The spec that a search for images uses: nearly the same, and easier to minimise.
 
     * Votes are linear: hard votes have no derivative with respect to the orientation.
     * Where the dialect describes the root of an image, the root is the unknown.
@@ -65,8 +65,8 @@ def recover_histograms(
 ) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols), in votes, whose normalisation is the descriptor.
 
-    ``spec`` is as :func:`searchable` gives it.  The common scale is the original's if it fixes the contrast; else the
-    mean vote of a pixel is set to that of an ordinary photograph.
+    ``spec`` is one of :func:`searchable`.  The common scale is the original's if the descriptor fixes the contrast;
+    else the mean vote of a pixel is set to that of an ordinary photograph.
     """
     size = size or spec.image_size(*descriptor.shape[1:3])
     each = split_colours(descriptor, spec)
@@ -156,7 +156,7 @@ def cells_in_bins(
     the angles, π or 2π.
     """
     position = torch.from_numpy(bin_angles(spec)) * (bins / period) - first
-    below = torch.floor(position + 1e-6)  # keeps a vote on a bin's centre whole
+    below = torch.floor(position + 1e-6)  # a vote at a bin's centre is not split
     share = (position - below).clamp(0, 1)
     to, own = torch.zeros(bins, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
     to.index_put_((below.long() % bins, own), 1 - share, accumulate=True)
@@ -180,7 +180,7 @@ def starting_images(
         smooth = integrate(*mean_gradient(mean_over_colours(votes, spec), spec, height, width)).unsqueeze(1)
     else:
         cells = expected_cells(of_one_colour(votes, spec, (height, width)), spec, seed).unsqueeze(1)
-        # votes of a cell, each the difference of two pixels, to the difference of two cells
+        # from votes of a cell, differences of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
     return 0.5 + smooth / spec.value_range + in_pairs(votes, height, width, count, seed, spread)
@@ -194,7 +194,7 @@ def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: 
 
 
 def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
-    """The same, in pairs of opposite sign, in whose mean what depends linearly on the initial noise cancels."""
+    """:func:`noise` in pairs of opposite sign: what depends linearly on the noise cancels in their mean."""
     half = noise(like, height, width, (count + 1) // 2, seed, spread)
     return torch.cat([half, -half[:, : count // 2]], dim=1)
 
@@ -238,9 +238,9 @@ def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tupl
     """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
     angles = torch.from_numpy(bin_angles(spec)).to(votes)
     by_row, by_col = pooling_matrices(replace(spec, border="reflect"), height, width, votes)
-    # a cell's votes divided by the sum of its weights are its mean; the same weights interpolate between the centres
+    # votes divided by the sum of the cell's weights are their mean; the same weights interpolate between the centres
     mean = votes / (by_row.sum(dim=1, keepdim=True) * by_col.sum(dim=1))
-    if not spec.pooling.interpolates:  # whose weights of a pixel sum to 1
+    if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
         by_row, by_col = (matrix / matrix.sum(dim=0).clamp(min=TINY) for matrix in (by_row, by_col))
     gx, gy = (by_row.T @ torch.einsum("bkrc,k->brc", mean, f(angles)) @ by_col for f in (torch.cos, torch.sin))
     return gx, gy

@@ -53,7 +53,7 @@ class LearnedPrior(LearnedModel):
 
     KIND = "learned prior"
     NOUN = "prior"
-    COMPRESSED = True  # the names of thousands of photographs are a tenth of it
+    COMPRESSED = True  # the names of thousands of photographs take a tenth of the file
     ARRAYS: ClassVar = {
         "spec": SPEC,
         "widths": integers(),
@@ -94,7 +94,7 @@ class LearnedPrior(LearnedModel):
         spec = as_spec(spec)
         own, other = ("signed" if signed else "unsigned" for signed in (self.signed, searchable(spec).signed))
         if own != other:
-            raise ValueError(f"the {self.NOUN} was learned for {own} descriptors, {spec.named} descriptor is {other}")
+            raise ValueError(f"the {self.NOUN} is for {own} descriptors, but {spec.named} descriptor is {other}")
 
     @torch.no_grad()
     def expected(
@@ -136,7 +136,7 @@ class LearnedPrior(LearnedModel):
         spec = as_spec(spec)
         network = self._network_for(descriptor, spec, image_size)
         if not isinstance(network, UnsignedNetwork):
-            raise ValueError("samples are drawn of unsigned descriptors, this prior is for signed ones")
+            raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
         draws, votes = network.draws(descriptor.float(), spec, image_size, count, seed)
         images = at_contrast(draws, votes.repeat_interleave(count, dim=0), searchable(spec))
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
@@ -241,7 +241,7 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     spec = as_spec(spec)
     file = default_prior_file(spec)
     if file is None:
-        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: give one, or none")
+        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: pass another, or prior=None")
     return _load(file)
 
 

@@ -42,8 +42,8 @@ from .reconstruction import Reconstruction, Values, of_the_kind, relative_distan
 from .signs import negated, negatives
 
 SCALES = (64, 16, 4, 1)
-COARSER_WEIGHT = 0.1  # of the distance at each scale before, relative to that at the level's own
-BEFORE_THE_LAST = 120  # evaluations at most of an image at each level before
+COARSER_WEIGHT = 0.1  # of the distance at each coarser scale, relative to that at the level's own
+BEFORE_THE_LAST = 120  # most evaluations of an image at each level before the last
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[
     if any(n % factor for n in (*spec.cell_size, *image_size)):
         raise ValueError(
             f"an image of {image_size[0]}x{image_size[1]} pixels with cells of "
-            f"{spec.cell_size[0]}x{spec.cell_size[1]} has no scale 1/{scale}: all must be multiples of {factor}"
+            f"{spec.cell_size[0]}x{spec.cell_size[1]} has no scale 1/{scale}: all sides must be multiples of {factor}"
         )
     cell = (spec.cell_size[0] // factor, spec.cell_size[1] // factor)
     return replace(spec, cell_size=cell), (image_size[0] // factor, image_size[1] // factor)
@@ -228,7 +228,7 @@ def _plan(
     if not scales or any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(descriptors) != len(scales):
-        raise ValueError(f"expected a descriptor for each of {len(scales)} scales, got {len(descriptors)}")
+        raise ValueError(f"expected one descriptor per scale, {len(scales)} in all, got {len(descriptors)}")
     most = search.max_evaluations
     if most is None:
         best = quality_of("best")
@@ -262,7 +262,7 @@ def _report(
 
 
 def _with_coarser(objective: Objective, before: Sequence[_Step], step: _Step) -> Objective:
-    """Also that the image, shrunk, has the descriptors of the levels ``before``."""
+    """``objective``, and that the image, shrunk, has the descriptors of the levels ``before``."""
     priors = [
         CoarserDescriptor(COARSER_WEIGHT, each.descriptor, searchable(each.spec), step.size[0] // each.size[0])
         for each in before

@@ -38,15 +38,15 @@ from .search import PreimageSearch
 from .signs import negated, negatives
 from .unknowns import low_pass
 
-SHARE_OF_SAMPLES = 0.7  # of the evaluations; the rest goes to the descriptor itself
+SHARE_OF_SAMPLES = 0.7  # of the evaluations; the others match the descriptor itself
 LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
-RANGE_WEIGHT = 100.0  # of mean squares of gray values
-SPREAD = 0.3  # standard deviation of the samples' initial noise, in 0…1, so that they differ in all that is left open
-ENOUGH = 90  # evaluations of a sample that remove so much noise; with fewer it begins with less
+RANGE_WEIGHT = 100.0  # of the mean squared excess of gray values over 0…1
+SPREAD = 0.3  # standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
+ENOUGH = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
 SMOOTHING = 0.9  # pixels: the samples agree on coarser structures only
-CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and of what is expected for unsigned descriptors, before details
+CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and for the image expected for an unsigned descriptor, before details
 BY_PRIOR = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
-BEFORE_DETAILS = 0.3  # of the evaluations of an unsigned descriptor, where a second prior adds details
+BEFORE_DETAILS = 0.3  # share of evaluations for an unsigned descriptor before a second prior adds details
 MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
 SHARE = 0.4  # of a GPU's free memory, instead
 VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
@@ -182,9 +182,9 @@ def search_preimages(
 ) -> Reconstruction:
     """The search of :func:`reconstruct`, for valid arguments.
 
-    ``start`` and ``expected`` are roots where the dialect describes roots.  ``learned`` predicts the expected images
-    that are not given, and gives the details and the confidence in the polarity.  With ``fix_polarity``, of the image
-    for an unsigned descriptor and its negative the likelier one is returned.
+    ``start`` and ``expected`` are square roots if the dialect describes these.  ``learned`` predicts expected images
+    that are not given, and gives the details and the confidence in the polarity.  With ``fix_polarity``, an image for
+    an unsigned descriptor is replaced by its negative if that is likelier.
     """
     spec = searchable(dialect)
     draws = expected is None and learned is None and (spec.signed or start is not None)

@@ -1,6 +1,6 @@
-"""Networks of learned priors: what they share, and the one for signed descriptors.
+"""Networks of learned priors: what they share, and the network for signed descriptors.
 
-It goes from the histograms of cells to the most likely image.  Its inputs are the histograms recovered from a
+The latter maps the histograms of cells to the expected image.  Its inputs are the histograms recovered from a
 descriptor, their UoCTTI descriptor, and the image that they integrate to (:mod:`.histograms`), to which it predicts a
 correction.  Images are normalised to about unit variance, and enlarged or shrunk to cells of :data:`CELL` pixels: the
 statistics of photographs hardly depend on scale.
@@ -32,11 +32,11 @@ from .histograms import (
 MOMENTUM = 0.02  # of the running means and variances of channels
 
 CELL = 8  # pixels of a cell in the network's images, along each axis
-FINER = 2  # pixels of these for one at the network's last resolution
+FINER = 2  # pixels of these images, along each axis, per pixel at the network's last resolution
 BINS = 18  # of 20° each
 SPEC = presets.uoctti(CELL)  # of its inputs
 FLAT = 0.01 * SPEC.value_range  # standard deviation below which an image counts as flat
-_DESCRIPTOR, _VOTES = 5.0, 3.84  # factors of descriptor entries and of votes per pixel, to about 1
+_DESCRIPTOR, _VOTES = 5.0, 3.84  # factors that scale descriptor entries and votes per pixel to about 1
 _CHANNELS = BINS + SPEC.channels + CELL**2
 
 
@@ -44,8 +44,8 @@ _CHANNELS = BINS + SPEC.channels + CELL**2
 class Architecture:
     """Sizes of a network, an entry for each of its resolutions.
 
-    The first resolution is that of cells.  For signed descriptors each other one is twice as fine, down to two pixels;
-    for unsigned ones, half as fine.
+    The first resolution is that of cells.  Each further one is twice as fine for signed descriptors, down to two
+    pixels, and half as fine for unsigned ones.
 
     Attributes:
         widths: channels, 1 … 1024.
@@ -60,10 +60,10 @@ class Architecture:
 
     def __post_init__(self) -> None:
         if not self.widths or len(self.widths) != len(self.blocks):
-            raise ValueError(f"expected as many widths as blocks, got {self.widths} and {self.blocks}")
+            raise ValueError(f"expected as many widths as blocks, at least one, got {self.widths} and {self.blocks}")
         for name, numbers, least, most in (("widths", self.widths, 1, 1024), ("blocks", self.blocks, 0, 64)):
             if not all(type(n) is int and least <= n <= most for n in numbers):
-                raise ValueError(f"{name} must be integers of {least} … {most}, got {numbers}")
+                raise ValueError(f"{name} must be integers in {least}…{most}, got {numbers}")
 
 
 class PriorNetwork(nn.Module, ABC):
@@ -138,7 +138,7 @@ def set_to_zero(layer: nn.Module) -> None:
 
 @torch.no_grad()
 def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
-    """The network's inputs for histograms (B, 18, R, C) as of :meth:`SignedNetwork.cell_votes`, of any scale.
+    """The network's inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.cell_votes`, of any scale.
 
     Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the integral
     (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
@@ -156,8 +156,8 @@ def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
 class SignedNetwork(PriorNetwork):
     """From :func:`network_inputs` to images (B, 1, 8R, 8C); before training, the integrals.
 
-    Residual blocks at the resolution of cells, and after each of two doublings, 1x1 convolutions from one pixel to
-    four; a last doubling gives pixels.  2.2 million weights by default.
+    Residual blocks at the resolution of cells and after each of two doublings, which are 1x1 convolutions from one
+    pixel to four; a last doubling gives pixels.  2.2 million weights by default.
     """
 
     KIND = "signed"

@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..runtime.text import counted
+
 
 @dataclass(frozen=True, kw_only=True)
 class Learning:
@@ -44,7 +46,8 @@ class NetworkLearning(Learning):
 
     @property
     def summary(self) -> str:
-        return f"{len(self.images)} images, {self.epochs} epochs, last loss {self.losses[-1]:.4f}"
+        of = f"{counted(len(self.images), 'image')}, {counted(self.epochs, 'epoch')}"
+        return f"{of}, last loss {self.losses[-1]:.4f}"
 
 
 def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) -> list[str]:
@@ -52,8 +55,10 @@ def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) 
     if not images:
         raise ValueError("expected images to learn from, got none")
     for name, image in sorted(images.items()):
-        if image.dim() != 2 or image.dtype != torch.float32 or not ((image >= 0) & (image <= 1)).all():
-            raise ValueError(f"{name}: expected an image (H, W) of float32 in 0…1")
+        if image.dim() != 2 or image.dtype != torch.float32:
+            raise ValueError(f"{name}: expected a float32 tensor (H, W), got {image.dtype} of {tuple(image.shape)}")
+        if not ((image >= 0) & (image <= 1)).all():
+            raise ValueError(f"{name}: expected gray values in 0…1, got {image.min():g}…{image.max():g}")
         height, width = image.shape
         if height < least[0] or width < least[1]:
             raise ValueError(f"{name}: expected at least {least[0]}x{least[1]} pixels, got {height}x{width}")

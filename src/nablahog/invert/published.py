@@ -31,10 +31,10 @@ from .unknowns import from_cosines, to_cosines
 SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, where the descriptor leaves the contrast
 # open: with so little noise the smoothness of the start weighs as much as its distance
 OF_FIXED_CONTRAST = 0.3, 1e-2  # the same where the descriptor fixes it
-CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, and the most
-TRIALS = 50  # evaluations of an iteration beside the products of its step: far more than needed
+CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, most iterations
+TRIALS = 50  # evaluations of an iteration besides the products of its step: far more than needed
 AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
-NUMBERS = 128  # that a search holds for each pixel: vectors, images of them, and the graph; an estimate
+NUMBERS = 128  # held per pixel in a search, for vectors, their images and the graph; an estimate
 SHARE = 0.5  # of a GPU's free memory for searches
 DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
 
@@ -57,7 +57,7 @@ def reconstruct_as_published(
     progress: Callable[[int, int], None] | None = None,
     watch: Watch | None = None,
 ) -> Reconstruction:
-    """Images whose HOG is the given descriptor, by the paper's search: as :func:`.preimage.reconstruct`, once checked.
+    """Images with the given descriptor by the paper's search: :func:`.preimage.reconstruct` for valid arguments.
 
     Where the descriptor leaves the contrast open, images ``start`` get the contrast of the noise: against a strong
     contrast the smoothness would count for more.
@@ -196,7 +196,7 @@ class PublishedObjective:
 
 
 class PublishedJacobian:
-    """The Jacobians of :class:`PublishedObjective` at points (A, H·W), the products of those of its steps.
+    """The Jacobians of :class:`PublishedObjective` at points (A, H·W), each the product of the Jacobians of its steps.
 
     The jvp of the normaliser is its double vjp, on the cells alone, whose graph is kept.
     """

@@ -111,7 +111,7 @@ def squared_norm(x: Tensor) -> Tensor:
 
 
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
-    """Bring images (B, 1, H, W) of arbitrary brightness to 0…1.
+    """Brings images (B, 1, H, W) of arbitrary brightness to 0…1.
 
     HOG fixes no brightness, and except for Eq. 7 as printed no contrast.  An image whose contrast is known keeps it
     and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on 0 and 0.5 % on
@@ -129,7 +129,7 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def as_returned(image: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) of arbitrary brightness, or their roots where the dialect describes these, in 0…1."""
+    """Images (B, 1, H, W) in 0…1, of images of arbitrary brightness, or of their square roots if φ describes these."""
     image = to_unit_range(image, spec)
     return image.square() if spec.gamma == "sqrt" else image
 
@@ -186,7 +186,7 @@ class Iterate:
 def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
     """The state before the search of a part of a batch: images (b, 1, H, W) and their distance.
 
-    The images are roots where the dialect describes roots.
+    The images are square roots if the dialect describes these.
     """
     none = torch.zeros(len(images), dtype=torch.long, device=images.device)
     distance = relative_distance(as_returned(images, spec), descriptor, spec)
@@ -214,7 +214,7 @@ class SearchRecord:
 def reconstruction_of(
     image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[SearchRecord]
 ) -> Reconstruction:
-    """The result of the searches of all parts, its images (B, 1, H, W) in 0…1; to be completed."""
+    """The result of the searches of all parts, for images (B, 1, H, W) in 0…1; its seconds are not set yet."""
     length = max(int(search.evaluations.max()) for search in searches)
     return Reconstruction(
         image,
@@ -236,5 +236,5 @@ def parts(
 
 
 def share_of(progress: Callable[[int, int], None] | None, number: int, count: int) -> Callable[[int, int], None] | None:
-    """``progress`` over ``count`` equal parts of a reconstruction, to be called by one of them."""
+    """``progress`` over ``count`` equal parts of a reconstruction, to be called by the part ``number``."""
     return None if progress is None else lambda done, most: progress(number * most + done, count * most)

@@ -97,7 +97,7 @@ def reconstruct_samples(
 
 
 def _agreement(images: Tensor) -> Tensor:
-    """Images (B, K, 1, H, W) to the mean magnitude of the correlations of two of K, (B,); 0 for flat images."""
+    """Images (B, K, 1, H, W) to the mean magnitude of the correlations of all pairs, (B,); 0 for flat images."""
     pixels = images.flatten(2)
     pixels = pixels - pixels.mean(dim=2, keepdim=True)
     size = pixels.norm(dim=2, keepdim=True)

@@ -19,7 +19,7 @@ from .unknowns import CosineBasis, FlatRegions
 
 VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
 COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
-SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need the most of it
+SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need most of it
 
 
 def votes_at_once(like: Tensor) -> int:
@@ -39,7 +39,7 @@ class PreimageObjective:
     Args:
         descriptor: (B, rows, cols, channels), φ(I).
         votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
-        priors: added to the distance, of the batch.
+        priors: for the whole batch, added to the distance.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Both images are taken without their means, since HOG ignores the brightness.
 
@@ -126,7 +126,7 @@ class PreimageObjective:
         if self.images is not None:
             self.images[index] = image
         values, gradient, distances = self._evaluate_image(image, index)
-        # making regions constant is a projection, so its own adjoint
+        # making regions constant is a projection, and so its own adjoint
         return values, self.basis.adjoint(self.flat.level(gradient, index)), distances
 
     @torch.enable_grad()
@@ -153,7 +153,7 @@ EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 a
 
 
 class PreimageSearch(SearchRecord):
-    """Searches images of given histograms or descriptors from given starts, several for each descriptor.
+    """Searches for images with given histograms or descriptors from given starts, several for each descriptor.
 
     ``max_evaluations`` are those of each descriptor, over all its images; ``part`` has the indices of the descriptors
     in the batch of :func:`.preimage.reconstruct`.
@@ -179,7 +179,7 @@ class PreimageSearch(SearchRecord):
         self._reported = self._assigned = self._calls = 0
 
     def left(self) -> int:
-        """Evaluations that no :meth:`match` was assigned, for each descriptor; at least 1.
+        """Evaluations for each descriptor that no :meth:`match` has been assigned yet; at least 1.
 
         Unused evaluations of a minimisation are not passed on: they differ from image to image of a batch.
         """

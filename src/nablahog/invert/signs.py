@@ -54,7 +54,7 @@ WEIGHTS = (3.0, 2.0, 0.8, 0.5)  # of the cues, chosen on exact photographs
 class SignedCells(NamedTuple):
     """Images of one gray value a cell, in the units of the votes, for :data:`ROUNDINGS` choices K of signs.
 
-    They are in order of energy, each of zero mean, and with the sign that correlates with the first.
+    In order of energy, each of zero mean, and with the sign with which it correlates positively with the first.
     """
 
     images: Tensor  # (B, K, rows, cols)
@@ -107,7 +107,7 @@ def _differences(n: int, like: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float) -> tuple[Tensor, Tensor]:
-    """(B, n, n) matrices, n cells: signs to their best image, and Q."""
+    """Two matrices (B, n, n) for n cells: the one that maps signs to their best image, and Q."""
     rows, cols = votes.shape[2:]
     eye_r, eye_c = (torch.eye(n, dtype=votes.dtype, device=votes.device) for n in (rows, cols))
     (central_y, steps_y), (central_x, steps_x) = _differences(rows, votes), _differences(cols, votes)
@@ -132,7 +132,7 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float)
 
 
 def _background(votes: Tensor) -> Tensor:
-    """(B, n, n), the last sum: w_p is exp(-votes / faint votes) along the border, 0 elsewhere, ū the mean by w."""
+    """The last sum's matrix (B, n, n): w_p is exp(-votes / faint votes) along the border, 0 elsewhere; w weights ū."""
     at_border = torch.zeros(votes.shape[2:], dtype=votes.dtype, device=votes.device)
     at_border[[0, -1]] = at_border[:, [0, -1]] = 1
     total = votes.sum(dim=1)
@@ -143,11 +143,11 @@ def _background(votes: Tensor) -> Tensor:
 
 
 def _relax(energy: Tensor, seed: int) -> Tensor:
-    """(B, n, n) to unit vectors (B, n, DIMENSION) of low Σ_ij Q_ij v_i·v_j."""
+    """Q (B, n, n) to unit vectors (B, n, DIMENSION) of low Σ_ij Q_ij v_i·v_j."""
     generator = torch.Generator().manual_seed(int(seed))
     vectors = torch.randn(1, energy.shape[1], DIMENSION, generator=generator, dtype=torch.float64)
     vectors = normalize(vectors.to(energy).expand(len(energy), -1, -1), dim=2)
-    free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 whatever s
+    free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 for any s
     shift = torch.linalg.matrix_norm(free, ord=2).reshape(-1, 1, 1) / 2  # half the shift that guarantees descent
     for _ in range(ITERATIONS):
         vectors = normalize(shift * vectors - free @ vectors, dim=2)

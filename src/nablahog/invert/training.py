@@ -31,7 +31,7 @@ from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0  # norm
 WARM_UP, FIRST, LAST = 0.1, 1 / 25, 1e-5  # share of the steps; learning rates, relative to the largest
-AGAIN = 0.5  # the largest learning rate of a training that starts from another, relative to the usual one
+AGAIN = 0.5  # largest learning rate of a training that starts from a prior, relative to the usual one
 FEW = 20  # batches for the means and variances at the start of such a training
 
 
@@ -104,7 +104,7 @@ def train_prior(
     if start is not None:
         start.check(spec)
         if architecture not in (None, start.architecture):
-            raise ValueError(f"the prior to go on from is of {start.architecture}, not of {architecture}")
+            raise ValueError(f"start must have the {architecture}, got the {start.architecture}")
         architecture = start.architecture
     network = network_class(spec)
     architecture = architecture or network.DEFAULT
@@ -189,7 +189,7 @@ def _fit(
                 clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
                 optimizer.step()
                 schedule.step()
-                of_steps.append(loss.detach())  # not as a number: a GPU goes on with the next step
+                of_steps.append(loss.detach())  # a tensor, so that a GPU goes on with the next step
         total = sum(torch.stack(of_steps).tolist())
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
@@ -209,7 +209,7 @@ def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int)
     return OneCycleLR(
         optimizer,
         largest,
-        total_steps=max(steps, 11),  # of 10, it divides by zero
+        total_steps=max(steps, 11),  # with 10, OneCycleLR divides by zero
         pct_start=WARM_UP,
         div_factor=1 / FIRST,
         final_div_factor=FIRST / LAST,
@@ -230,10 +230,10 @@ def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[st
                 part.load_state_dict(state[name])
             return list(state["losses"])
     except (EOFError, LookupError, RuntimeError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} is not a checkpoint of a training, or damaged: remove it to start afresh") from error
+        raise ValueError(f"{path} is no checkpoint of a training, or is damaged: remove it to start afresh") from error
     raise ValueError(
-        f"{path}: the checkpoint of another training (of other {', '.join(differing)}); finish that one, or remove the "
-        "file"
+        f"{path} is the checkpoint of another training (with other {', '.join(differing)}); finish that one, or remove "
+        "the file"
     )
 
 

@@ -23,18 +23,18 @@ BATCH = 32
 CELL = 8  # pixels of the cells of a window
 HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
-FEWEST = 8  # images held out, to calibrate the confidence
+FEWEST = 8  # held-out images needed to calibrate the confidence
 
 SHRUNK = 0.5  # share of signed windows that are shrunk, where photographs are large enough
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
 UOCTTI, VLFEAT, DPM = presets.uoctti(CELL), presets.vlfeat(cell_size=CELL), presets.dpm(CELL)
 PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
 
-LEAST_SIDE, LARGE = 0.5, 0.6  # side of unsigned windows, relative to the largest possible; the share of that size
-TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows, degrees, and logarithm of the change of proportions
+LEAST_SIDE, LARGE = 0.5, 0.6  # least side of unsigned windows, relative to the largest possible; share of the largest
+TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows; most degrees; largest log-ratio of the stretches
 UP_TO_SIGN = 0.75  # share of the regions' loss that is the same for an image and its negative
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
-LOSSY = [OPENCV, MASKFEAT]  # descriptors do not determine histograms: values are clipped, cells lose contrast
+LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 
 
 class WindowTraining(ABC):
@@ -172,7 +172,7 @@ class UnsignedTraining(WindowTraining):
     Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
     """
 
-    default_crops = 300_000  # about an hour and a half on two cores, by the time of a step
+    default_crops = 300_000  # about an hour and a half on two cores, estimated from the time of a step
     learning_rate, weight_decay, gamma = 1.2e-3, 0.03, 0.45
     dialects = ([PAPER, SKIMAGE],) * 3 + ([PAPER, OPENCV], [SKIMAGE, OPENCV], [PAPER, MASKFEAT])
     grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8))

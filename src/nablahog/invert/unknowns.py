@@ -91,7 +91,7 @@ class CosineBasis:
     """
 
     def __init__(self, height: int, width: int, like: Tensor, exponent: float = 1.0) -> None:
-        # half-cycles across the longer side; the mean has frequency 0 and is given the lowest
+        # half-cycles across the longer side; the mean, of frequency 0, gets the lowest other frequency
         scale = max(height, width)
         fy, fx = torch.arange(height) * scale / height, torch.arange(width) * scale / width
         frequency = torch.sqrt(fy.square().unsqueeze(1) + fx.square()).clamp(min=1)
@@ -125,7 +125,7 @@ _level = native.function(
 
 
 class FlatRegions:
-    """Replaces each region that must be constant by its mean.  Linear; the identity where there is none."""
+    """Replaces each region that must be constant by its mean.  Linear; the identity if there is no such region."""
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
         entries = of_nearest_cells(cell_entries(descriptor, spec), spec, (height, width))
@@ -189,7 +189,7 @@ class _Levelled(torch.autograd.Function):
 def _runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
     """Runs of pixels of one region in a row, of regions (B, pixels), 0 for none.
 
-    (runs, 3), first pixel, the one behind the last, and region; and (B + 1,): image b has ends[b] … ends[b + 1] - 1.
+    Returns (runs, 3): first pixel, end, region; and ends (B + 1,): image b has the runs ends[b] … ends[b + 1] - 1.
     """
     before = np.pad(regions, ((0, 0), (1, 0)))
     after = np.pad(regions, ((0, 0), (0, 1)))

@@ -20,14 +20,14 @@ from .files import remove_parts, replacing
 VARIABLE = "NABLAHOG_CACHE_SIZE"
 LARGEST = 2000  # megabytes
 ENDING = ".array"
-_ROOM = 0.8  # of the largest size, which is left when the least recently used arrays have been removed
+_ROOM = 0.8  # of the largest size: what is kept when the least recently used arrays are removed
 _DIGEST = 32  # bytes before the numbers
 
 
 def cached_array(
     kind: str, key: str, shape: tuple[int, ...], make: Callable[[], NDArray[np.float32]]
 ) -> NDArray[np.float32]:
-    """An array (float32) that an earlier process has stored, or else is made and stored now.
+    """An array (float32) that an earlier process stored, or that is made and stored now.
 
     It lies in the folder ``kind`` of the user's caches; the key is a hash of everything that it depends on, including
     the code.  The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by
@@ -41,7 +41,7 @@ def cached_array(
         return make()
     try:
         path = cache_folder() / kind / f"{key}{ENDING}"
-    except FileNotFoundError:  # no home
+    except FileNotFoundError:  # no home folder
         return make()
     with suppress(OSError, ValueError):  # missing, or damaged
         if path.stat().st_size == _DIGEST + 4 * int(np.prod(shape)):

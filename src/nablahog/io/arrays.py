@@ -26,7 +26,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> Arrays:
-    """The arrays ``names`` of the archive ``path``, a "descriptor file", say; others are not read.
+    """The arrays ``names`` of the archive ``path``, of a ``kind`` such as "descriptor file"; others are not read.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -59,7 +59,7 @@ def text(arrays: Arrays, name: str) -> str:
     if array.shape != () or array.dtype.kind != "U":
         raise ValueError(f"{name} must be one string, got {array.dtype} of shape {array.shape}")
     if array.itemsize > 4 * MAX_CHARACTERS:
-        raise ValueError(f"{name} must be a string of at most {MAX_CHARACTERS:,} characters")
+        raise ValueError(f"{name} must be a string of at most {MAX_CHARACTERS:,} characters, got one that is longer")
     return str(array.item())
 
 
@@ -113,7 +113,7 @@ def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floa
 def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
     if _is_npy(path):
         if key is not None:
-            raise ValueError(f"{path}: --key goes with .npz and .mat files, a .npy file holds one array")
+            raise ValueError(f"{path}: --key goes with .npz and .mat files; a .npy file holds one array")
         return _npy(path)
     if _is_mat(path):
         from .matfile import read_mat_arrays  # which models and descriptor files do not need
@@ -127,10 +127,10 @@ def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
     if arrays:
         listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
     if key is not None:
-        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers, {listed}")
+        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers; {listed}")
     several = [array for array in arrays.values() if array.size > 1]
     if len(several) != 1:
-        raise ValueError(f"{path}: expected one array or --key NAME, {listed}")
+        raise ValueError(f"{path}: expected one array or --key NAME, but {listed}")
     return several[0]
 
 

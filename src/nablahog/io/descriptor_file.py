@@ -60,7 +60,8 @@ class StoredDescriptor:
 
     def __post_init__(self) -> None:
         if not isinstance(self.descriptor, Tensor) or self.descriptor.dtype not in (torch.float32, torch.float64):
-            raise TypeError("the descriptor must be a tensor of float32 or float64")
+            got = getattr(self.descriptor, "dtype", type(self.descriptor).__name__)
+            raise TypeError(f"the descriptor must be a tensor of float32 or float64, got {got}")
         height, width = self.image_size
         if height < 1 or width < 1:
             raise ValueError(f"the image size must be at least 1x1, got {height}x{width}")
@@ -189,7 +190,7 @@ def layouts(spec: HOGSpec) -> tuple[Layout, ...]:
 
 
 def shapes(spec: HOGSpec, image_size: tuple[int, int] | None) -> str:
-    """Describes the shapes of such arrays, for messages; ValueError if the image is too small for ``spec``."""
+    """The shapes of descriptors of ``spec``, for messages; ValueError if the image is too small for ``spec``."""
     descriptions = []
     for layout in layouts(spec):
         laid_out = replace(spec, layout=layout)
@@ -204,12 +205,12 @@ def shapes(spec: HOGSpec, image_size: tuple[int, int] | None) -> str:
 
 
 def is_row(shape: tuple[int, ...]) -> bool:
-    """Whether all entries of such an array are in one row, or column."""
+    """Whether all entries of an array of this shape are in one row, or column."""
     return max(shape, default=0) == math.prod(shape)
 
 
 def stored(array: NDArray[np.floating], spec: HOGSpec, how: Fit) -> StoredDescriptor:
-    """The descriptor that an array is; float16 becomes float32.
+    """The descriptor in an array that fits; float16 becomes float32.
 
     Raises:
         ValueError: it holds NaN or Inf, or the image would be too large.

@@ -65,7 +65,7 @@ def local_name(name: str) -> str:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Raises FileNotFoundError or ValueError unless it is a regular file, ``expected`` to be "an image file", say."""
+    """Raises FileNotFoundError or ValueError unless it is a regular file; ``expected`` is such as "an image file"."""
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file")
     if not path.is_file():
@@ -87,7 +87,7 @@ def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
 
 
 def check_folder(folder: Path, expected: str) -> None:
-    """Raises FileNotFoundError or NotADirectoryError unless there is a folder, ``expected`` to hold "images", say."""
+    """Raises FileNotFoundError or NotADirectoryError unless it is a folder; ``expected`` is such as "images"."""
     if not folder.exists():
         raise FileNotFoundError(f"{folder}: no such folder")
     if not folder.is_dir():

@@ -80,7 +80,7 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
             return _assembled(image, size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
-            raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused, it may be a bomb") from None
+            raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused; it may be a bomb") from None
         except UnidentifiedImageError:
             raise ValueError(f"{path}: expected an image, got a file of no format that Pillow reads") from None
         except MemoryError:

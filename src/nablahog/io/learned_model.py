@@ -122,7 +122,7 @@ def account(kind: type[Any]) -> Codec:
             hints = get_type_hints(kind).items()
             return kind(**{name: _as(hint, stored[name]) for name, hint in hints if name not in left_out})
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise ValueError(f"its account of the learning cannot be read: {one_line(error)}") from None
+            raise ValueError(f"how it was learned cannot be read: {one_line(error)}") from None
 
     return Codec(lambda value: json.dumps(asdict(value)), decode)
 

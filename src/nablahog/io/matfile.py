@@ -117,7 +117,7 @@ def _matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
         raise _Damaged("it is of version 7.3; save it with `save -v7`")
     if data[126:128] not in _ORDERS:
-        raise _Damaged("its header says nothing like it")
+        raise _Damaged("its header does not say so")
     order = _Bytes(_ORDERS[data[126:128]])
     left = MAX_BYTES - len(data)
     for element in _elements(memoryview(data)[128:], order):
@@ -167,7 +167,7 @@ def _elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
 def _matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
     """The name and the value of an array of any class; an empty element is an array without a name."""
     if depth > MAX_DEPTH:
-        raise _Damaged(f"it has more than {MAX_DEPTH} structures in each other")
+        raise _Damaged(f"it has structures in each other, more than {MAX_DEPTH} deep")
     parts = _elements(data, order)
     if not len(data):
         return "", np.empty((0, 0))
@@ -182,12 +182,12 @@ def _matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
         text = _text(next(parts, None), order) if count else ""
         units = len(text.encode("utf-16-le", errors="surrogatepass")) // 2
         if units != count:
-            raise _Damaged(f"it is damaged: {count} characters are said to follow, {units} do")
+            raise _Damaged(f"it is damaged: expected text of length {count}, got {units}")
         return name, text
     if kind in _CLASSES:
         values = _numbers(next(parts, None), order)
         if len(values) != count:
-            raise _Damaged(f"it is damaged: {count} numbers are said to follow, {len(values)} do")
+            raise _Damaged(f"it is damaged: expected an array of size {count}, got {len(values)}")
         return name, values.reshape(sides, order="F")
     if kind == _CELL:
         return name, [_value(part, order, depth) for part in _exactly(count, parts)]
@@ -215,7 +215,7 @@ def _value(element: _Element, order: _Bytes, depth: int) -> Any:
 def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
     values = list(parts)
     if len(values) != count:
-        raise _Damaged(f"it is damaged: {count} values are said to follow, {len(values)} do")
+        raise _Damaged(f"it is damaged: expected a list of length {count}, got {len(values)}")
     return values
 
 

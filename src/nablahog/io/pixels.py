@@ -20,9 +20,9 @@ STRIP = 2**19  # pixels that are converted at once
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
-_OVERSHOOT = 0.1  # of filters, that is clipped, as a part of the largest level
-_BRIGHTEST_OF_255 = 16.0  # at least; a smaller highest level would be a black image, or one of high dynamic range
-_PLANES = 2  # likewise
+_OVERSHOOT = 0.1  # of filters, as a fraction of the largest level: it is clipped
+_BRIGHTEST_OF_255 = 16.0  # least highest level in 0…255: else the image would be black, or of high dynamic range
+_PLANES = 2  # as TIFF's tag has it
 _JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_2000 = (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")  # alone or in boxes; its end is that of JPEG
 
@@ -78,7 +78,7 @@ def _read_16_bits(image: Any) -> None:
     image.tile = [
         getattr(type(tile), "_make", tuple)(
             [*tile[:3], (f"{tile[3][0]};{order}", *tile[3][1:])]
-        )  # of old Pillow, tuples
+        )  # tiles of old Pillow are tuples
         if tile[0] == "raw"
         else tile
         for tile in image.tile
@@ -86,10 +86,9 @@ def _read_16_bits(image: Any) -> None:
 
 
 def has_8_bits(image: Image.Image) -> bool:
-    """Whether no channel has more."""
-    return image.mode not in ("I", "F") and not image.mode.startswith(
-        "I;16"
-    )  # which a 16-bit PNG is, depends on Pillow
+    """Whether no channel has more than 8 bits."""
+    # a 16-bit PNG has the mode I or I;16, depending on Pillow
+    return image.mode not in ("I", "F") and not image.mode.startswith("I;16")
 
 
 def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
@@ -105,7 +104,7 @@ def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
     # Pillow reads unsigned numbers of 32 bits as signed ones
     unsigned = tags.get(BITSPERSAMPLE) == (32,) and tags.get(SAMPLEFORMAT, (1,)) == (1,)
     kind = np.uint32 if image.mode == "I" and unsigned else None
-    # of each strip alone, as its numbers are copied
+    # strip by strip, as their numbers are copied
     bounds = [(float(numbers.min()), float(numbers.max())) for numbers in _numbers(image, kind)]
     lowest, highest = min(low for low, _ in bounds), max(high for _, high in bounds)
     if any(math.isnan(high) for _, high in bounds):

@@ -115,7 +115,7 @@ def _object(row: Row, name: str, image: Tensor, model: str | None) -> AnnotatedO
 
 
 def _box(row: Row, height: int, width: int) -> Box:
-    """The box in an image, which it may leave by a rounding."""
+    """The box, cut to the image, which it may leave by a rounding."""
     box = Box.of(row.number(column, "pixels") for column in SIDES)
     if min(box.width, box.height) < LEAST:
         raise row.error("x1", f"expected a box of at least {LEAST}x{LEAST} pixels, got {tuple(box)}")

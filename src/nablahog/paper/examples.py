@@ -1,6 +1,6 @@
 """What Table 2 is made from: objects in images, the models to choose among, and conditions that make objects harder.
 
-Conditions are rough, cut-off and no boxes, other viewpoints and looks.
+The conditions are rough, cut-off and missing boxes, other viewpoints, and other looks.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..hog.box import Box
 from ..io.images import Picture
 from ..render import Mesh
+from ..runtime.text import counted
 from .annotations import AnnotatedObject
 from .models import Meshes, Model
 from .scenes import SceneSettings, scene
@@ -94,7 +95,7 @@ def _generator(seed: int, index: int) -> Generator:
 
 
 def _moved(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
-    """A box whose sides are moved, to the right and downwards, by shares of its width and height."""
+    """A change that moves the sides of a box to the right and downwards by shares of its width and height."""
 
     def change(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
         assert one.box is not None
@@ -138,7 +139,7 @@ CONDITIONS: Mapping[str, Condition] = {
         "In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilted, has_initial=False
     ),
     "steep": Condition(
-        "Elevations of −20 to 75°: higher up, azimuth and in-plane rotation are one; no initial pose is given.",
+        "Elevations of −20 to 75°: from high up, azimuth and in-plane rotation look alike; no initial pose is given.",
         viewpoint=_steep,
         has_initial=False,
     ),
@@ -195,8 +196,8 @@ def photographed(
         if condition:
             one = replace(CONDITIONS[condition].applied(one, seed, index), name=f"{condition}/{one.name}")
         examples.append(one)
-    among = f"{len(models)} models{' but its own, or the one most like it' if unknown_model else ''}"
-    return Examples(examples, f"{origin} Each is looked for by all of {among}; no pose is given.", failed or {})
+    among = f"{counted(len(models), 'model')}{', without its own or the one most like it' if unknown_model else ''}"
+    return Examples(examples, f"{origin} Candidates for each: {among}; no pose is given.", failed or {})
 
 
 def rendered(
@@ -236,4 +237,4 @@ def rendered(
         objects.append(replace(one, name=name, candidates=candidates))
     by = "all models but its own" if unknown_model else "its own model"
     start = "from a random azimuth and an elevation near the true one"
-    return Examples(objects, f"{count} scenes of {origin}. Each object is looked for by {by}, {start}.")
+    return Examples(objects, f"{counted(count, 'scene')} of {origin}. Each object is compared with {by}, {start}.")

@@ -96,7 +96,7 @@ def learned_from_samples(kind: str, progress: Progress) -> Path:
     path = cache_folder() / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
     try:
         load(kind, path)
-    except (OSError, ValueError):  # missing, or damaged by whatever else uses such folders
+    except (OSError, ValueError):  # missing, or damaged by another program
         path.parent.mkdir(parents=True, exist_ok=True)
         LEARNED[kind].learn_to(path, sample_training_photographs(kind), SPEC, progress, seed=0)
     return path

@@ -66,7 +66,7 @@ def read_list(path: Path, expected: str) -> bytes:
     """The bytes of a file, at most :data:`MAX_BYTES`.
 
     Raises:
-        FileNotFoundError, ValueError: there is no such file, it is none, or it has more.
+        FileNotFoundError, ValueError: there is no such file, it is not a regular one, or it is larger.
     """
     check_file(path, expected)
     if path.stat().st_size > MAX_BYTES:
@@ -91,7 +91,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
     try:
         written = io.StringIO(decoded(data), newline=None).read()
         written = re.sub(r"\Asep=.\n", "", written)  # a remark for spreadsheets
-        delimiter = max(",;\t", key=written.partition("\n")[0].count)  # of equals the first
+        delimiter = max(",;\t", key=written.partition("\n")[0].count)  # the first of equals
         reader = csv.DictReader(io.StringIO(written), delimiter=delimiter, skipinitialspace=True)
         names = [name.strip().lower() for name in reader.fieldnames or ()]
         names = [_OTHER_NAMES.get(name, name) for name in names]
@@ -107,7 +107,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
         for values in reader:
             line = reader.line_num
             if any(values.pop(None, ())):  # commas in numbers shift all that follow
-                raise ValueError(f"expected {len(names)} values, one for each column, got more")
+                raise ValueError(f"expected one value per column, {len(names)} in all, got more")
             rows.append(Row(f"{path}, line {line}", values, "." if delimiter == "," else ","))
     except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
         raise ValueError(f"{path}, line {line}: {one_line(error)}") from None
@@ -124,7 +124,7 @@ class ListedObject:
         id: of the object in its list, unique.
         image: the file of the photograph, relative to the folder of all.
         box: of the object, pixels; None if unknown.
-        initial: about its azimuth and elevation, degrees; None if unknown.
+        initial: its rough azimuth and elevation, degrees; None if unknown.
     """
 
     id: int
@@ -190,7 +190,7 @@ def _of_json(path: Path) -> list[ListedObject]:
         if image not in names:
             raise row.error("image_id", f"expected the id of one of the images, got {image}")
         if number in objects:
-            raise row.error("id", f"expected another one for each object, got {number} twice")
+            raise row.error("id", f"expected a different id for each object, got {number} twice")
         objects[number] = _listed_object(number, row, names[image])
     return list(objects.values())
 
@@ -198,7 +198,7 @@ def _of_json(path: Path) -> list[ListedObject]:
 def _entries(path: Path, name: str, entries: list[Any]) -> list[Row]:
     wrong = next((k for k, entry in enumerate(entries) if not isinstance(entry, Mapping)), None)
     if wrong is not None:
-        raise ValueError(f"{path}, {name}[{wrong}]: expected an object")
+        raise ValueError(f"{path}, {name}[{wrong}]: expected an object, got {one_line(repr(entries[wrong]), 60)}")
     return [Row(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(entries)]
 
 

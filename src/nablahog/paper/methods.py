@@ -116,9 +116,8 @@ def _output(result: Reconstruction) -> MethodOutput:
 
 
 def _needed(kind: str, settings: Table1Settings) -> Any:
-    """The model of a kind."""
     if kind not in settings.learned:
-        raise ValueError(f"this method needs what `nablahog learn {PRIORS.get(kind, kind)}` learns")
+        raise ValueError(f"this method needs a file made by `nablahog learn {PRIORS.get(kind, kind)}`")
     return load(kind, local_path(settings.learned[kind]))
 
 
@@ -147,7 +146,7 @@ def _search(
     published: bool = False,
     learned: bool = False,
 ) -> Method:
-    """The method that :func:`_searched` is with these options."""
+    """The method that runs :func:`_searched` with these options."""
     priors: tuple[str, ...] = ()
     if learned:
         priors = ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
@@ -195,7 +194,7 @@ def choose(
     Args:
         names: of the methods to run; None for all that can run, except those that run only if asked for by name.
         files: names of :data:`.LEARNED` for which the user has a file.
-        shipped: those that the package was installed with files of.
+        shipped: names of :data:`.LEARNED` for which the package was installed with a file.
 
     Raises:
         ValueError: a method in ``names`` lacks a file, or no method uses one of the files.

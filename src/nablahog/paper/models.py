@@ -19,7 +19,7 @@ from ..runtime.text import unicode_of
 
 SCENE_CHAIRS = Path(__file__).with_name("chairs.npz")  # the chairs in the scenes of Table 2
 DEEPEST = 4  # folders below the one that is named
-CACHED = 256  # meshes: reading one takes longer than many a search
+CACHED = 256  # meshes: reading one takes longer than many searches
 _BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
 
 

@@ -1,6 +1,6 @@
 """Groups and names of all methods in the order of their tables, and the tables as the paper prints them.
 
-Importing it does not load PyTorch.
+Importing this module does not load PyTorch.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
-from ..runtime.text import one_line
+from ..runtime.text import counted, one_line
 from .annotations import AnnotatedObject
 from .voc import check_voc, half_open, read_annotation, read_image_ids
 
@@ -68,7 +68,8 @@ class Selection:
         why = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
         coarse = len(self.coarse & {each.name for each in self.objects})
         roughly = f", {coarse} of them with coarse viewpoints only" if coarse else ""
-        return f"{len(self.objects)} objects of {photographs} photographs{roughly}; left out: {why or 'none'}."
+        objects = f"{counted(len(self.objects), 'object')} of {counted(photographs, 'photograph')}"
+        return f"{objects}{roughly}; left out: {why or 'none'}."
 
 
 def read_record(path: Path) -> list[Record]:
@@ -177,7 +178,7 @@ def read_pascal3d(voc: Path, pascal3d: Path, category: str = "chair", split: str
 
 
 def _select(voc: Path, records: Path, category: str, image_id: str, result: Selection) -> None:
-    """Adds the objects of an image, all or, if a file cannot be read, none."""
+    """Adds all objects of an image, or none if a file cannot be read."""
     try:
         annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
         numbered = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]

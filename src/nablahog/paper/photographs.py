@@ -29,19 +29,19 @@ class Photographs:
 def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive: bool = False) -> Photographs:
     """The images of a folder, sorted by name.
 
-    Files count as images if Pillow reads files of their ending.  Hidden files and folders are passed over, and so are
-    all folders, noted as ignored, unless ``recursive``: then images below count, by names like ``chairs/1.png``, but
-    links to folders are not followed.  Images are shrunk to at most ``size`` pixels on the longer side (0: not at all),
-    the first ``limit`` of them.
+    Files count as images if Pillow reads files of their ending.  Hidden files and folders are skipped.  Other folders
+    are noted as ignored unless ``recursive``: then images in them count, too, with names like ``chairs/1.png``; links
+    to folders are not followed.  The first ``limit`` images are read, and shrunk to at most ``size`` pixels on the
+    longer side (0: not at all).
 
     Raises:
         FileNotFoundError, NotADirectoryError: there is no such folder.
         ValueError: it holds no image file.
     """
     check_folder(folder, "images")
-    unicode_of = image_endings()
+    endings = image_endings()
     entries = sorted(_entries(folder, recursive))
-    files = [entry for entry in entries if entry.suffix.lower() in unicode_of and not entry.is_dir()]
+    files = [entry for entry in entries if entry.suffix.lower() in endings and not entry.is_dir()]
     if not files:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none")
     result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
@@ -58,7 +58,7 @@ def _entries(folder: Path, recursive: bool) -> Iterator[Path]:
     for entry in folder.iterdir():
         if entry.name.startswith("."):
             continue
-        if recursive and entry.is_dir() and not entry.is_symlink():  # which may lead back
+        if recursive and entry.is_dir() and not entry.is_symlink():  # a link may lead back
             yield from _entries(entry, recursive)
         else:
             yield entry

@@ -25,7 +25,7 @@ from .baselines.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
 class PoseInput:
     """What a method is given: the box of an object in an image (C, H, W), float32 in 0…1, and candidate models by name.
 
-    Also the azimuth and elevation to begin at, degrees.  Box and these are None where they are not known.
+    ``initial`` is the azimuth and elevation to begin at, degrees.  It and the box are None where they are not known.
     """
 
     image: Tensor
@@ -69,7 +69,7 @@ class PoseMethod:
         about: what it does, a sentence.
         run: depends on nothing but its arguments, and raises ValueError with one sentence where it finds no pose.
             Worker processes import it, so it is a function of a module, or a ``functools.partial`` of one.
-        prepare: work done once for each model and cached, which is not part of an object's time; likewise.
+        prepare: work done once for each model and cached, which is not part of an object's time; called as ``run``.
     """
 
     name: str
@@ -114,7 +114,7 @@ def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarVi
 
 
 def detection(problem: PoseInput, settings: Table2Settings) -> Detection:
-    """The baseline's: Aubry et al.'s most confident one, with its model; in the whole image where no box is known."""
+    """Aubry et al.'s most confident detection, with its model; in the whole image where no box is known."""
     height, width = problem.image.shape[1:]
     return detect(problem.image, problem.box or Box(0.0, 0.0, width, height), _views(problem, settings))
 

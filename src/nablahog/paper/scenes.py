@@ -84,7 +84,7 @@ class SceneSettings:
             value = getattr(self, field.name)
             low, high = value if isinstance(value, tuple) else (value, value)
             if not 0 <= low <= high < math.inf:
-                raise ValueError(f"{field.name} must be at least 0, finite and a range from low to high, got {value}")
+                raise ValueError(f"{field.name} must be finite, at least 0 and a range from low to high, got {value}")
         if max(self.occlusion, self.tint, self.shadow, self.gloss, self.ambient[1], self.occluded[1]) > 1:
             raise ValueError("occlusion, tint, shadow, gloss, ambient and occluded must lie in 0…1")
         if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:

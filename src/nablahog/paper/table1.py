@@ -37,7 +37,6 @@ class ReconstructionJob:
 
     @property
     def name(self) -> str:
-        """The name of the method."""
         return self.method.name
 
     def key(self) -> str:

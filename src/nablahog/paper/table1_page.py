@@ -49,8 +49,8 @@ DEFINITIONS = {
     "has learned from photographs; it is the one that comes with nablahog unless another is given.",
     "bovw": "The input is a histogram of visual words. The words are arranged like a jigsaw puzzle, by the positions "
     "and neighbours that they have in photographs (after Kato and Harada; many details are our own choice).",
-    "hoggles": "Window by window by a pair of dictionaries of descriptors and patches (Vondrick et al.); from all "
-    "cells, while theirs leaves out the outermost.",
+    "hoggles": "Inverts each window with a pair of dictionaries, of descriptors and of patches (Vondrick et al.); all "
+    "cells count, while theirs leaves out the outermost.",
     "cnn-hog, cnn-hogb": "HOG as a convolutional network, without texture channels, inverted by gradient descent under "
     "two priors (Mahendran and Vedaldi); the distance is that of the network's own descriptor.",
     "what libraries compute": "Single-scale, from the descriptor that a library computes, with its own defaults and "
@@ -105,7 +105,7 @@ def _row(line: Line, figure: Callable[[Statistics], object], headings: Mapping[s
 
 
 def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence[str] = ()) -> str:
-    """The page; ``origin`` says where the images are from, ``remarks`` what else to know, in whole sentences."""
+    """The page; ``origin`` says where the images are from; ``remarks`` follow it; both are whole sentences."""
     ignored = table.photographs.ignored
     passed_over = (
         f" Skipped, because their names do not end like those of images: {', '.join(ignored)}." if ignored else ""

@@ -44,7 +44,6 @@ class PoseJob:
 
     @property
     def name(self) -> str:
-        """The name of the method."""
         return self.method.name
 
     def key(self) -> str:
@@ -60,7 +59,6 @@ class PoseJob:
         return key_of(facts, self.image)
 
     def files(self) -> list[Path]:
-        """Those of the models."""
         return [model.file for model in self.models if model.file is not None]
 
     def run(self) -> JobResult:
@@ -131,7 +129,7 @@ class Table2(Results):
         return replace(self, examples=self.conditions[condition], conditions={})
 
     def all_objects(self) -> Iterator[AnnotatedObject]:
-        """Those of the table, and those of all conditions."""
+        """The objects of the table and of all conditions."""
         for examples in (self.examples, *self.conditions.values()):
             yield from examples.objects
 
@@ -173,7 +171,7 @@ def error_of_azimuth(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> fl
 
 
 def error_of_rotation(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> float:
-    """Likewise, of the whole rotation."""
+    """Degrees by which the whole rotation of a method's figures is off; :data:`NO_POSE` without figures."""
     if pose is None:
         return NO_POSE
     truth = one.azimuth, one.elevation, one.theta

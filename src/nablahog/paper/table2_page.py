@@ -1,4 +1,4 @@
-"""Table 2 as people look at it: on the terminal and as a page."""
+"""Table 2 on the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
 
 
 def terminal_rotations(table: Table2) -> list[dict[str, object]]:
-    """Accuracies of whole rotations, and times, likewise."""
+    """Accuracies of whole rotations, and times, one mapping for each row."""
     return [
         {
             "method": line.method,
@@ -71,7 +71,7 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
 
 
 def terminal_conditions(table: Table2) -> list[dict[str, object]]:
-    """Accuracies and errors under harder conditions, likewise."""
+    """Accuracies and errors under harder conditions, one mapping for each row."""
     return [
         {**_under(name, line, _percent), "error": line.error.median}
         for name in table.conditions
@@ -95,7 +95,6 @@ def _percent(of: Statistics) -> html.Shown | None:
 
 
 def page(table: Table2, settings: Table2Settings) -> str:
-    """The page."""
     lines = table.lines()
     text = "A method that failed counts as wrong above. A further run with the same settings tries it again."
     failures = failures_section(table.failures, "object", text)
@@ -146,14 +145,15 @@ def _conditions(table: Table2) -> list[html.Section]:
             rows.append({**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds})
     text = (
         "Fewer objects of the same kind, under conditions that are described at the end. Scenes have exact boxes "
-        "unless the condition changes them. Figures are those of the first table."
+        "unless the condition changes them. The measures are those of the first table."
     )
     panels = []
     for name, examples in table.conditions.items():
         first = examples.objects[0]
         picture = first.image if first.box is None else boxed(first.image, [first.box])
         panels.append(Panel(picture, name, f"The image {first.name} with the box that methods are given"))
-    return [html.Section("Harder conditions", text, table=rows), html.Section("", "The first object of each.", panels)]
+    first_of_each = html.Section("", "The first object of each condition.", panels)
+    return [html.Section("Harder conditions", text, table=rows), first_of_each]
 
 
 def _pictures(table: Table2) -> html.Section:

@@ -80,7 +80,7 @@ def run(
 ) -> Results:
     """The results of jobs, by image and method, as :func:`nablahog.jobs.store.do_all` does them.
 
-    Each method has its rows.  ``failed`` says why images could not be read, ``shown`` of which to keep the pictures.
+    ``rows`` are those of each method, ``failed`` why images could not be read, ``shown`` the images with pictures.
     """
     failures = [Failure(image, None, reason) for image, reason in failed.items()]
     figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for of_method in rows.values() for row in of_method}
@@ -105,7 +105,7 @@ def evenly_spread(names: Sequence[str], count: int) -> list[str]:
 
 
 def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
-    """Writes a table whole or not at all: full precision, nothing where there is None, the heads in the first row.
+    """Writes a table whole or not at all: full precision, None as an empty cell, the names of columns first.
 
     Texts that a spreadsheet would take for a formula, by their first character, begin with an apostrophe.  Control
     characters in texts are escapes.
@@ -130,6 +130,6 @@ def how_many_failed(failures: Sequence[Failure]) -> str:
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:
-    """A section that lists the failures, with a heading of their images, and what they mean for the figures."""
+    """A section that lists the failures; ``image`` heads their images, ``text`` says what they mean for the figures."""
     rows = [{image: each.image, "method": each.method or "all", "reason": each.reason} for each in failures]
     return Section(f"Failed: {len(rows)}", text, table=rows)

@@ -59,7 +59,7 @@ def read_image_ids(voc: Path, category: str, split: str) -> list[str]:
         name, *marks = line.split() or [""]
         plain = name.isascii() and name.replace("_", "0").replace("-", "0").isalnum()  # no path separators
         if name and not (plain and marks in ([], ["-1"], ["0"], ["1"])):
-            raise ValueError(f"{path}: expected lines as '2008_000003 1', got {one_line(repr(line), 60)}")
+            raise ValueError(f"{path}: expected lines like '2008_000003 1', got {one_line(repr(line), 60)}")
         if name and marks != ["-1"]:
             result.append(name)
     return result

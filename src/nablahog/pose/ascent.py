@@ -30,7 +30,7 @@ _DERIVATIVES = _FACTORS * (_UNIT[:, None, _FIRST] * _UNIT[1:, _SECOND] + _UNIT[:
 _OF_VALUES = 8.0  # weight of a value relative to that of a derivative: jags are steep, but not high
 _OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of derivatives, by their errors in UNITS
 _STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
-_FLATTEST = 0.15  # smallest curvature along an axis, as part of the largest
+_FLATTEST = 0.15  # smallest curvature along an axis, as a fraction of the largest
 _REACH = 2.0  # longest step, in spreads
 
 
@@ -39,7 +39,7 @@ class Round(NamedTuple):
 
     samples: int  # their number, even
     spread: float  # root mean square of their offsets, in :data:`UNITS`
-    slopes: bool  # whether to use their derivatives; without, they take two thirds of the time
+    slopes: bool  # whether to use their derivatives; without, a round takes two thirds of the time
 
 
 SCHEDULE = (
@@ -74,7 +74,7 @@ def quadratic_ascent(
         rounds: of samples.
         generator: of the directions.
         visit: called with the pose (6,) after each round.
-        bounded: moves poses (N, 6) to where they may be.
+        bounded: moves poses (N, 6) into the range allowed.
     """
     directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
@@ -101,7 +101,7 @@ def _sample(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
 
 
 def _directions(count: int, generator: torch.Generator) -> Tensor:
-    """Offsets (count, 6) of root mean square 1, six by six orthogonal."""
+    """Offsets (count, 6) of root mean square 1, orthogonal within each group of six."""
     size = len(PARAMETERS)
     some = torch.randn((math.ceil(count / size), size, size), generator=generator, dtype=torch.float64)
     directions: Tensor = math.sqrt(size) * torch.linalg.qr(some).Q.reshape(-1, size)[:count]
@@ -111,8 +111,8 @@ def _directions(count: int, generator: torch.Generator) -> Tensor:
 def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
-    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  A is bent down at least by
-    :data:`_FLATTEST` of its largest curvature, and the step is cut to :data:`_REACH`.
+    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  Curvatures are
+    made negative, at least :data:`_FLATTEST` of the largest, and the step is cut to :data:`_REACH`.
     """
     at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())

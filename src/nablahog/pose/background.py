@@ -21,7 +21,7 @@ from .whitening import Background, check_spec
 FOLDER = Path(__file__).with_name("default_backgrounds")  # see its README.md
 STEP = 2**-0.5  # between two scales of a photograph
 RING = 1  # cells next to the border of an image, which are unlike all others
-COARSE, FINE = 8, 4  # pixels of a cell: poses are told apart that are half as far from each other
+COARSE, FINE = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
 _SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 

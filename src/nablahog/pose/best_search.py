@@ -44,14 +44,14 @@ from .vote import (
 
 VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
-_SIDES = 4  # that are voted for: the best one and the runners-up
+_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
 _STARTS = 4  # local maxima of a model's views, at most, that are tilted
 _NEARLY = 0.75  # of the best view's similarity: views above it may still turn out to be the best
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _SURE = 6.5  # coarse similarity of views that fill the given box, from which on no other boxes are searched
-_SURE_AT_LAST = 8.0  # fine similarity from which on no other ascents are tried
-_MOST_OF_A_SIDE = 8  # poses of the side with most votes whose mean viewpoint is taken
+_SURE_AT_LAST = 8.0  # fine similarity from which on no further ascents are tried
+_MOST_OF_A_SIDE = 8  # best poses of the side with most votes, whose viewpoints are averaged
 
 
 def best_search(problem: PoseProblem) -> PoseEstimate:
@@ -105,7 +105,7 @@ class BestSearch:
         return self._estimate(best, traced, [(each / share, poses[0]) for poses, each in others], agreement=share)
 
     def look_around(self) -> list[Hypothesis]:
-        """The best views of all models at all elevations, the best of all first, as many as are looked at closely."""
+        """The best views of all models at all elevations, at most :attr:`most_views`, the best first."""
         azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self.problem.level_penalties
         seen: list[tuple[float, float, str, float, Tensor]] = []
         for name, model in self.problem.each_model():
@@ -120,7 +120,7 @@ class BestSearch:
         return [self._level_view(*one[1:]) for one in seen[: self.most_views]]
 
     def look_elsewhere(self) -> list[Hypothesis]:
-        """The best views that fill another box, or are tilted, the best of all first."""
+        """The best views of all models that fill another box or are tilted, the best first."""
         seen = []
         for name, model in self.problem.models.items():
             for place, around in self._surroundings:
@@ -153,7 +153,7 @@ class BestSearch:
         return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
 
     def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
-        """Logarithms of the probabilities of their azimuths whatever the model, (N,)."""
+        """Logarithms of the probabilities of the poses' azimuths for any model, (N,)."""
         places = list(dict.fromkeys(one.place for one in poses))  # in a crop of its own a pose would confirm itself
         models = list(self.problem.models.values())
         evidence = azimuth_evidence(models, places, self.problem.level_penalties, self.problem.viewpoints)
@@ -175,7 +175,7 @@ class BestSearch:
         *,
         agreement: float,
     ) -> PoseEstimate:
-        """The best pose, with the runners-up of others and the confidence."""
+        """The estimate of the best pose, with its runners-up and its confidence."""
         elevation = min(self.problem.elevations, key=lambda each: abs(each - float(best.pose[1])))  # one with views
         same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
         others = tuple(self._as_estimate(one, share=share) for one, share in runners_up(shares, best, same_view))

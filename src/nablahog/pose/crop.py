@@ -1,8 +1,8 @@
 """The object cut out of its photograph: a small gray square around its box, the same size for every object.
 
 A camera of known focal length and principal point is turned in place until it looks at the middle of the crop: beside
-the optical axis a photograph stretches objects, and such a crop shows them as they are rendered.  If nothing is known
-of the camera, the crop is cut out as it is.
+the optical axis a photograph stretches objects, and such a crop shows them as they are rendered.  If the camera is
+unknown, the crop is cut out as it is.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ObjectCrop(CropView):
         )
 
     def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
-        """A pose (6,) for this crop as one for another of the same photograph, by the same camera."""
+        """A pose (6,) for this crop, converted to another crop of the same photograph by the same camera."""
         moved = pose.clone()
         moved[4], moved[5] = other.from_photograph(*map(float, self.to_photograph(pose[4], pose[5])))
         if self.axis is not None:
@@ -94,13 +94,13 @@ def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
     """The box x0, y0, x1, y1.
 
     Raises:
-        ValueError: it is not finite, has fewer than 8 pixels a side, or lies beside an image of this size.
+        ValueError: it is not finite, has fewer than 8 pixels a side, or lies outside an image of this size.
     """
     box = Box.of(sides)
     if not all(map(math.isfinite, box)) or not (box.width >= 8 and box.height >= 8):
         raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}")
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
-        raise ValueError(f"the box must lie in the image of {height}x{width} pixels (height x width), got {tuple(box)}")
+        raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")
     return box
 
 
@@ -135,7 +135,7 @@ def crop_object(
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
     view = CropView(middle, zoom, camera.focal / zoom, axis)
     size = object_box.width * zoom, object_box.height * zoom
-    if axis is not None:  # seen straight, the box is a little smaller
+    if axis is not None:  # the turned camera sees the box a little smaller
         seen = view.across(object_box)
         zoom *= fill / max(seen.width, seen.height)
         camera = Camera(view.focal * zoom, side, side)
@@ -148,7 +148,7 @@ def crop_object(
 
 
 def check_photograph(photograph: Tensor) -> None:
-    """Raises ValueError unless it is a tensor (1 or 3, H, W), of finite floating point numbers or of uint8."""
+    """Raises ValueError unless ``photograph`` is (1 or 3, H, W), of finite floating point numbers or of uint8."""
     of_numbers = photograph.is_floating_point() or photograph.dtype == torch.uint8
     if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not of_numbers:
         last = photograph.shape[-1:] in ((1,), (3,))
@@ -185,7 +185,7 @@ def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None)
             + (": write mask > 0" if mask.dtype != torch.bool else "")
         )
     if not bool(mask.any()):
-        raise ValueError("the mask must be true where the object is, but it is nowhere")
+        raise ValueError("the mask must be true where the object is, got one that is true nowhere")
     if box is None:
         rows, cols = mask.any(1).nonzero(), mask.any(0).nonzero()
         box = Box(float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1)

@@ -14,9 +14,9 @@ from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render.conventions import turn_to
 
-MOST_PIXELS = 8  # of a photograph, or means of some, along a side of a pixel of a crop: its blur leaves no more apart
+MOST_PIXELS = 8  # or means of pixels, of a photograph along a side of a crop's pixel: the blur would hide more
 STRIP = 2**20  # pixels that are averaged or blurred at once
-_LEAST_DEPTH = 1e-3  # of rays whose length is 1 at the image plane
+_LEAST_DEPTH = 1e-3  # of rays, to divide by; it is 1 on the optical axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class CropView:
         return right * scale, down * scale
 
     def across(self, box: Box) -> Box:
-        """A box of the photograph in the crop, from its middle, along lines through the middle."""
+        """A photograph's box in the crop, pixels from its middle; its sides are those on lines through the middle."""
         x, y = self.middle
         left, right = (self.from_photograph(side, y)[0] for side in (box.x0, box.x1))
         upper, lower = (self.from_photograph(x, side)[1] for side in (box.y0, box.y1))
@@ -107,14 +107,14 @@ def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
 
 
 def reduction(zoom: float) -> int:
-    """The side of the squares of a photograph's pixels whose means are enough at a zoom; 1 down to 1/16."""
+    """The side of the squares of a photograph's pixels whose means are enough at a zoom; 1 for zooms above 1/16."""
     return max(1, int(1 / (MOST_PIXELS * zoom)))
 
 
 def gray_means(photograph: Tensor, factor: int) -> Tensor:
     """The means of ``factor`` x ``factor`` pixels of a photograph (C, H, W), gray, (1, h, w), float32.
 
-    The border repeats.  A strip at a time, so that it takes hardly more memory than the result.
+    The border repeats.  Strips are averaged one by one, which takes hardly more memory than the result.
     """
     channels, height, width = photograph.shape
     means = torch.empty(channels, -(-height // factor), -(-width // factor))
@@ -138,7 +138,7 @@ def blurred(image: Tensor, sigma: float) -> Tensor:
     taps = taps / taps.sum()
     padded = functional.pad(image, (reach,) * 4, mode="replicate")
     result, rows = torch.empty_like(image), max(1, STRIP // image.shape[3])
-    for row in range(0, image.shape[2], rows):  # at a time
+    for row in range(0, image.shape[2], rows):  # a strip at a time
         strip = padded[:, :, row : row + rows + 2 * reach]
         across = functional.conv2d(strip, taps.view(1, 1, 1, -1))
         result[:, :, row : row + rows] = functional.conv2d(across, taps.view(1, 1, -1, 1))

@@ -1,7 +1,7 @@
 """estimate_pose(): from an object in a photograph and models of it to azimuth, elevation and distance (Section 3.2).
 
-:data:`SEARCHES` has the searches by name.  The paper's, gradient ascent with momentum over azimuth, and the exhaustive
-one that it is compared with are here.
+:data:`SEARCHES` has the searches by name.  Here are the paper's, gradient ascent with momentum over azimuth, and the
+exhaustive one that it is compared with.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "pa
 
 
 def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
-    """Momentum from the initial pose and azimuths around, with the renderer of one of the paper's methods."""
+    """Ascent with momentum from the initial pose and azimuths all around, by the renderer of a method of the paper."""
     kind = problem.similarity or "patches"
     template = problem.photograph.template(kind)
     azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
@@ -177,9 +177,9 @@ def estimate_pose(
     if not 0 < within <= 180:
         raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
     if within < 180 and initial is None:
-        raise ValueError(f"within is the distance from the initial azimuth: expected initial, got within={within!r}")
+        raise ValueError(f"within={within!r} needs initial, the azimuth from which it is measured")
     if within < 180 and method != "best":
-        raise ValueError(f"within limits the search 'best' alone, got {within!r} for method={method!r}")
+        raise ValueError(f"within is an option of method 'best' alone, got {within!r} for method={method!r}")
     image, view = one_image(photograph), _checked_view(initial)
     lens = known_lens(photograph, focal, principal_point, image)
     check_photograph(image)
@@ -217,16 +217,16 @@ def estimate_pose(
 
 
 def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
-    """What is known about the camera of a photograph, both as passed and as ``image`` (C, H, W)."""
+    """What is known about the camera of a photograph, which is also passed as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
-            raise ValueError("principal_point needs a known focal length: expected focal")
+            raise ValueError("principal_point needs a known focal length: pass focal, too")
         return Lens(None, None, "assumed")
     source: FocalSource = "exif" if focal == "exif" else "given"
     if source == "exif":
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
-            raise ValueError("focal='exif' needs a PIL image that was not cut, with a focal length in its EXIF data")
+            raise ValueError("focal='exif' needs an uncropped PIL image with a focal length in its EXIF data")
     if (
         isinstance(focal, bool)
         or not isinstance(focal, int | float | np.integer | np.floating)
@@ -236,8 +236,8 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
     height, width = image.shape[1:]
     if not SHORTEST <= focal / math.hypot(height, width) <= LONGEST:
         raise ValueError(
-            f"focal is in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {focal:g} for one of "
-            f"{height}x{width}; millimetres of a lens are pixels once multiplied by {width} over the sensor's width"
+            f"focal must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {focal:g} for "
+            f"{height}x{width} pixels; convert millimetres by the factor {width} / width of the sensor in millimetres"
         )
     if principal_point is None:
         return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)

@@ -30,8 +30,8 @@ from .whitening import Background, Whitener, whitener_of
 Doubles = NDArray[np.float64]
 
 VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks at models
-_ROUNDS = 3  # with perspective the size is not quite the inverse of the distance; twice is within a tenth of a pixel
-DETAIL = 1.0  # pixel that vertices may be off in searches: a third of the faces remain, and poses are as exact
+_ROUNDS = 3  # of fitting the distance: perspective makes size not quite its inverse; 2 leave a tenth of a pixel
+DETAIL = 1.0  # pixels that vertices may be off in searches: a third of the faces remain, and poses are as exact
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 ALIKE = 0.95
 """Correlation above which no photograph tells two views apart."""
@@ -213,12 +213,12 @@ def hull(mesh: Mesh) -> Tensor:
     points = mesh.vertices.detach().cpu().numpy()
     try:
         return torch.from_numpy(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # in one plane, or too few
+    except (QhullError, ValueError):  # points in one plane, or too few of them
         return torch.from_numpy(np.unique(points, axis=0))
 
 
 def level_poses(azimuths: Tensor, elevations: float | Tensor) -> Tensor:
-    """Poses (N, 6) at azimuths (N,) and elevations, degrees, not turned in the image plane, still to be placed."""
+    """Poses (N, 6) at azimuths (N,) and elevations, degrees, not turned in the image plane and not yet placed."""
     poses = torch.tensor([0, 0, DISTANCE, 0, 0, 0], dtype=torch.float64).repeat(len(azimuths), 1)
     poses[:, 0], poses[:, 1] = azimuths, elevations
     return poses

@@ -1,4 +1,4 @@
-"""What a search for a pose is asked for, by name, and what it went through."""
+"""The options of a search for a pose, by name, and the trace of a search."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from .whitening import Background, whitener_of
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most
-EMPTY = 0.01  # sum of a cell's entries up to which it is the plain background of a rendering
+EMPTY = 0.01  # sum of a cell's entries up to which it counts as the plain background of a rendering
 PATCH_EPSILON = 0.1  # ε of Eq. 7, in votes of images in 0…1: a hundredth of a typical patch's ‖v‖
 
 
@@ -36,7 +36,7 @@ def patch_spec(cell_size: tuple[int, int]) -> HOGSpec:
 
 
 class PreparedPhotograph:
-    """An object's crop with its templates, the coarse ones of a background, by default that of :func:`.pose_spec`."""
+    """An object's crop with its templates; the coarse ones use a background, by default that of :func:`.pose_spec`."""
 
     def __init__(self, crop: ObjectCrop, background: Background | None = None) -> None:
         self.crop, self.own_background = crop, background
@@ -75,7 +75,7 @@ class PreparedPhotograph:
 
     @cached_property
     def calibrated(self) -> CalibratedTemplate:
-        """The template of the whole crop; for the default descriptor the crop is shrunk before."""
+        """The template of the whole crop; for the default descriptor the crop is shrunk first."""
         return _calibrated(self.crop, *coarse_background(self.own_background))
 
     @cached_property
@@ -86,7 +86,7 @@ class PreparedPhotograph:
 
 
 def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
-    """First and end of the cells in the middle of ``cells`` that the box's ``pixels`` reach into."""
+    """Range of the cells, in the middle of ``cells``, that the box's ``pixels`` reach into."""
     middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
 

@@ -1,4 +1,4 @@
-"""What a search for a pose is asked."""
+"""The problem that a search for a pose solves."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .result import PoseEstimate
 from .viewpoint_prior import ViewpointPrior
 
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-AROUND = (-15.0, 0.0, 15.0)  # degrees from a given elevation, where views are searched, too
-ROUGHLY = 5.0  # degrees by which a given elevation is mostly wrong, at most
+AROUND = (-15.0, 0.0, 15.0)  # degrees from a given elevation at which views are searched
+ROUGHLY = 5.0  # degrees: most given elevations are no further from the true one
 LEVEL = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation tried when a pose is given
 TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when the pose is unknown
 USUAL = (-10.0, 40.0)  # elevations of most photographs, degrees
@@ -39,10 +39,10 @@ class PoseProblem:
     box: Box  # of the object, pixels of the photograph: the one given, or the one where it is most likely
     other_boxes: tuple[Box, ...] | None  # others that the object may be in; None if a box was given
     models: Mapping[str, PreparedModel]  # the candidates by name
-    initial: tuple[float, float] | None  # about its azimuth and elevation, degrees; None if unknown
+    initial: tuple[float, float] | None  # its rough azimuth and elevation, degrees; None if unknown
     within: float = 180.0  # degrees of azimuth on both sides of the initial one that are searched
     similarity: SimilarityKind | None = None  # its kind; None for that of the search
-    viewpoints: ViewpointPrior | None = None  # counts among several models; None for views alone
+    viewpoints: ViewpointPrior | None = None  # used with several models; None to use views alone
     focal_from: FocalSource = "assumed"  # where the focal length is from
     generator: torch.Generator | None = None  # of random samples
     progress: Callable[[int, int, str], None] = lambda done, total, what: None  # as for :func:`.estimate.estimate_pose`
@@ -67,10 +67,10 @@ class PoseProblem:
         return torch.cat([self.initial[0] + off[:, None], poses[:, 1:]], dim=1)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
-        """Penalties for the similarities of poses (N, 6) for a crop in comparisons, (N,).
+        """Penalties (N,), subtracted from the similarities of poses (N, 6) for a crop before these are compared.
 
-        Few photographs are from high above, far from the elevation that is given, tilted, or, unless a box is given, of
-        something small.
+        Few photographs are taken from high above, far from the given elevation, or tilted; and few without a given box
+        are of something small.
         """
         penalties = torch.zeros(len(poses), dtype=poses.dtype)
         if self.similarity not in (None, "calibrated"):
@@ -82,7 +82,7 @@ class PoseProblem:
 
     @cached_property
     def level_penalties(self) -> dict[float, float]:
-        """Penalties of level views by their elevations, those to search at, degrees."""
+        """Penalties of level views, by all the elevations to search at, degrees."""
         of_level = {each: level_poses(torch.zeros(1), each) for each in self.elevations}
         return {each: float(self.penalty(pose, self.photograph)) for each, pose in of_level.items()}
 
@@ -141,12 +141,12 @@ def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float]
 
 
 def elevations_around(initial: tuple[float, float]) -> tuple[float, ...]:
-    """Elevations at which views are searched if about one is given, degrees."""
+    """Elevations at which views are searched if a rough one is given, degrees."""
     return tuple(initial[1] + off for off in AROUND if abs(initial[1] + off) <= 90)
 
 
 def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:
-    """Which azimuths (N,) are within degrees of the initial one, (N,), bool; the nearest always is."""
+    """Which azimuths (N,) are at most ``within`` degrees from the initial one, (N,), bool; the nearest always is."""
     if initial is None:
         return torch.ones(len(azimuths), dtype=torch.bool)
     distances = signed_angles(azimuths - initial[0]).abs()

@@ -1,4 +1,4 @@
-"""What a search for a pose answers, and its figures."""
+"""The result of a search for a pose, and its figures."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ class PoseEstimate:
         return moved_before(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
 
     @property
-    def _unit(self) -> float:  # of the mesh, in those of its file
+    def _unit(self) -> float:  # the mesh's unit of length, in units of its file
         return 1 / float(self.from_original[:3, 0].norm())
 
     @property

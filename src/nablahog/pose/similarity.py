@@ -49,7 +49,7 @@ class CalibratedTemplate:
     shrink: int = 1  # factor by which the crop is made smaller before it is described
 
     def similarities(self, images: Tensor) -> Tensor:
-        """(B,) of images (B, 1, H, W)."""
+        """Similarities (B,) of images (B, 1, H, W)."""
         return self.values(describe(images, self.spec))
 
     def similarities_and_gradients(self, images: Tensor) -> tuple[Tensor, Tensor]:
@@ -85,7 +85,7 @@ def deviations(squared: Tensor) -> Tensor:
 def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
     """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
 
-    The crop is already ``shrink`` times smaller than the one that poses are meant for.
+    The crop is already ``shrink`` times smaller than the crop that poses are for.
     """
     descriptor = whitener.centred(describe(crop.image, spec))
     x0, y0, x1, y1 = crop.valid
@@ -156,7 +156,7 @@ def downsampled_poses(poses: Tensor, factor: int) -> Tensor:
 
 
 def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
-    """Results of ``work`` on some poses (B, 6) at a time, in as many threads as PyTorch takes."""
+    """Results of ``work`` on some poses (B, 6) at a time, in as many threads as PyTorch uses."""
     threads = torch.get_num_threads()
     rounds = math.ceil(len(poses) / (_BATCH * threads))  # each gives every thread a part
     parts = torch.split(poses, math.ceil(len(poses) / (rounds * threads)))
@@ -172,7 +172,7 @@ class Similarity:
         self.renderings = 0
 
     def values(self, poses: Tensor) -> Tensor:
-        """(B,) at poses (B, 6) for the crop, angles in degrees."""
+        """Similarities (B,) at poses (B, 6) for the crop, angles in degrees."""
         return torch.cat(self._in_batches(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:

@@ -53,12 +53,12 @@ class Range(NamedTuple):
 ROUGH = Range(2, 3)  # of a box that someone gave
 FOUND = Range(1, 2)  # of one that :func:`find_boxes` found
 TURNED = math.sqrt(2)  # side of the square that holds a turned square of side 1
-_OFF = 0.05  # penalty, as part of the similarity, of a view of twice the box's size, or half a side beside it
-LEVELS = 4  # of the pyramid, from one size of the object to the double
+_OFF = 0.05  # penalty, as a fraction of the similarity, for a view of twice the box's size or half a side beside it
+LEVELS = 4  # of the pyramid, per octave of the object's size
 SMALLEST = 8  # ratio of the photograph's longer side to the smallest object that is looked for
 BORDER = 4  # cells that an object may extend beyond the photograph
 EVERY = 2  # every second view around a model is compared
-PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, of one model or of several
+PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, for one model or for several
 DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
 ELEVATIONS = (0.0, 20.0, 40.0, 65.0)  # degrees, where nothing is known of the pose
 TILTS = (-30.0, 0.0, 30.0)  # degrees, where nothing is known of the pose
@@ -125,10 +125,10 @@ def views_around(
     allowed: Tensor,
     count: int,
 ) -> tuple[Tensor, Tensor]:
-    """The at most ``count`` views that are more similar than those at neighbouring azimuths, elevations and tilts.
+    """At most ``count`` views that are more similar than those at neighbouring azimuths, elevations and tilts.
 
-    Which azimuths count is ``allowed``, (VIEW_COUNT,), bool.  Returns poses (K, 6) for the crop, angles in degrees, and
-    their similarities (K,), the highest first.
+    ``allowed``, (VIEW_COUNT,), bool, says which azimuths count.  Returns poses (K, 6) for the crop, angles in degrees,
+    and their similarities (K,), the highest first.
     """
     own = photograph.own_background
     views = torch.stack([view_descriptors(model, each, own).flatten(1) for each in elevations])
@@ -166,7 +166,7 @@ def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tenso
     """Places in a photograph of the points of a grid on L scaled and tilted copies of it, each (L, rows, cols).
 
     Args:
-        grid: y (rows,) and x (cols,) on the copies, from the middle, as the x and y that are returned.
+        grid: y (rows,) and x (cols,) on the copies, from the middle, as are the x and y that are returned.
         scales: (L,), pixels of the photograph for one of the copy.
         tilts: (L,), degrees that the copies are turned clockwise.
     """
@@ -198,7 +198,7 @@ def find_boxes(
 ) -> list[Box]:
     """Boxes around the views most similar to an image (C, H, W), the best first, none overlapping a better one.
 
-    They are at most :data:`PLACES`, or :data:`PLACES_OF_SEVERAL` of several models, pixels.  ``initial`` and ``within``
+    At most :data:`PLACES`, or :data:`PLACES_OF_SEVERAL` for several models, in pixels.  ``initial`` and ``within``
     are as in :class:`.problem.PoseProblem`, ``own`` is the background of the coarse descriptor; None for the default.
     """
     count = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
@@ -242,8 +242,8 @@ def _levels(
 ) -> Iterator[tuple[float, float, Tensor, Tensor, Tensor]]:
     """The photograph at all scales and tilts, from the finest on.
 
-    Pixels of the level for one of the photograph, tilt, whitened descriptor (C, rows, cols), and of all windows x, y of
-    the middle in the photograph, (down, across, 2), pixels, and whether it is inside, (down, across).
+    Yields pixels of the level per pixel of the photograph, tilt, whitened descriptor (C, rows, cols), and of all
+    windows x, y of the middle in the photograph, (down, across, 2), pixels, and whether it is inside, (down, across).
     """
     spec = background.spec
     size = spec.grid(SIDE // shrink, SIDE // shrink)
@@ -277,7 +277,7 @@ def _levels(
 
 
 def _cell_places(counts: Sequence[int], cell: int, tilt: float, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """x, y from the middle (rows, cols, 2) of a grid of cells on a turned image, and whether they are in the image."""
+    """x, y (rows, cols, 2) of a grid of cells on a turned image, from its middle, and whether they are in the image."""
     turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()
     x, y = (part[0] for part in places(centred(counts, cell), *turn))
     return torch.stack([x, y], 2), (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)

@@ -1,9 +1,9 @@
-"""Poses that a search has come to: which are rivals, for which side several models vote, and how sure the azimuth is.
+"""The poses that a search has found: their rivals, the votes of several models for a side, and the confidence.
 
-One wrong model may fit any side; where many models fit is the object.  Views of all models, before any pose is tried
+One wrong model may fit any side; many models fit the right one.  Views of all models, before any pose is tried
 closely, are evidence for a side, too, and so is a network that has learned what objects of the class look like from
-each side.  The confidence is a logistic regression on all this: the similarity alone says how well a model fits; that
-another side of the object fits as well, or that other models agree, says more.
+each side.  The confidence is a logistic regression on all this: the similarity says how well a model fits; whether
+another side of the object fits as well, and whether other models agree, says more.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
     Args:
         poses: of several models, at maxima of the fine similarity.
         count: the most sides to return.
-        evidence: logarithms of the probabilities of their azimuths whatever the model, (N,).
+        evidence: logarithms of the probabilities of the poses' azimuths for any model, (N,).
     """
     azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
     similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity - one.penalty for one in poses]
@@ -121,7 +121,7 @@ def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
 
 
 def by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The best first."""
+    """``poses``, the best first."""
     return sorted(poses, key=lambda one: -one.score)
 
 
@@ -146,7 +146,7 @@ def more_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> li
 def shares_of_best(
     best: Hypothesis, refined: Sequence[Hypothesis], tilted: Sequence[Hypothesis]
 ) -> list[tuple[float, Hypothesis]]:
-    """Poses with their part of the similarity of the best refined one; those without an ascent, of the best tilted."""
+    """Poses with their similarity divided by the best refined pose's; by the best tilted pose's without an ascent."""
     highest = max(one.similarity for one in tilted)
     shares = [(one.similarity / max(best.similarity, 1e-9), one) for one in refined if one is not best]
     started = [azimuth for one in refined for azimuth, _ in one.trace[:-1]]
@@ -163,7 +163,7 @@ def runners_up(
 ) -> list[tuple[Hypothesis, float]]:
     """The poses with the highest shares from sides other than the best one's and each other's, and their shares.
 
-    From the azimuths ``same_view``, degrees, the best one's model looks the same.
+    ``same_view``: azimuths, degrees, from which the best one's model looks the same.
     """
     azimuths = [best.azimuth, *same_view]
     chosen: list[tuple[Hypothesis, float]] = []
@@ -187,7 +187,7 @@ def azimuth_evidence(
 ) -> Tensor:
     """Logarithms of the probabilities of the azimuths 0°, 7.5°, … in each of several crops, (P, 48), float64.
 
-    Penalties of similarity are by the elevations of the views, degrees; the prior counts if it knows the class.
+    ``penalties`` of the similarity are by elevation of the views, degrees; the prior counts if it knows the class.
     """
     weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
     sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)

@@ -24,6 +24,7 @@ from torch.nn.functional import pad
 from .. import native
 from ..hog.spec import HOGSpec
 from ..io.learned_model import NUMBER, SPEC, TENSOR, TEXTS, LearnedModel, check_tensor
+from ..runtime.text import counted
 
 LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
 _REACH = 48  # cells of a torus on which the inverse of Σ decays; windows of objects have fewer
@@ -87,7 +88,8 @@ class Background(LearnedModel):
     @property
     def summary(self) -> str:
         cells = f"{self.order + 1}x{self.order + 1}"
-        return f"{len(self.images)} images, {self.spec.channels} channels, templates of up to {cells} cells"
+        images = counted(len(self.images), "image")
+        return f"{images}, {self.spec.channels} channels, templates of up to {cells} cells"
 
     @property
     def order(self) -> int:
@@ -170,8 +172,8 @@ def check_spec(spec: HOGSpec) -> None:
     """Raises ValueError if the descriptor of a cell depends on the whole image."""
     if spec.normalizer.reach() is None:
         raise ValueError(
-            f"there is a background of locally normalised descriptors only: one factor for a whole image, as in "
-            f"{spec.name}, makes templates of different images no samples of one distribution"
+            f"a background needs a locally normalised descriptor, but {spec.name} divides a whole image by one factor: "
+            f"templates of different images would not be samples of one distribution"
         )
 
 

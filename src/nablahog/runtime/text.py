@@ -49,6 +49,11 @@ def unguarded(text: str) -> str:
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
 
 
+def counted(number: int, noun: str) -> str:
+    """``"1 image"``, ``"2 images"``."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
+
+
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """``"; did you mean X?"`` of the most similar choice, or ``""`` if none is similar."""
     import difflib  # slower than all else that --help loads

@@ -33,7 +33,7 @@ LONG = 40  # characters above which a text in a table gets a wide column
 
 @cache
 def _template(name: str) -> jinja2.Template:
-    """A template that escapes all that is inserted, and knows no undefined name."""
+    """A template that escapes all that is inserted, and raises for undefined names."""
     import jinja2  # few commands need it
 
     loader, undefined = jinja2.PackageLoader("nablahog.viz"), jinja2.StrictUndefined
@@ -59,10 +59,10 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Shape:
-    """A line, or a dot, text or image at the one of its points, which is the upper left corner of an image.
+    """A line through ``points``, or a dot, text or image at its one point, which is the upper left corner of an image.
 
-    The width is the radius of a dot, the text of an image its PNG in base64, and the anchor "start", "middle" or "end".
-    Colours are keys of :data:`COLOURS`.
+    ``width`` is also the radius of a dot or side of an image, whose ``text`` is its PNG in base64.  ``anchor`` is
+    "start", "middle" or "end".  Colours are keys of :data:`COLOURS`.
     """
 
     kind: str
@@ -149,7 +149,7 @@ class Shown(float):
 
 
 def figure(value: object) -> str:
-    """A figure as people read it: three decimals, one from 10 on, an en dash for None, anything else as it is."""
+    """A figure as text: three decimals, or one from 10 on; an en dash for None; anything else as it is."""
     if isinstance(value, Shown):
         return value.text
     if value is None:
@@ -203,7 +203,7 @@ def footer(figures: str, settings: str = "") -> str:
 
 @dataclass(frozen=True)
 class _Table:
-    """Which columns are of numbers, and rows in groups, below a heading each, which is None where there is none."""
+    """Whether each column holds numbers, and the rows in groups, each with its heading or None."""
 
     caption: str
     columns: dict[str, bool]

@@ -133,7 +133,7 @@ def _turns(azimuths: Floats) -> range:
 
 
 def _crossings(azimuths: Floats, at: float) -> Floats:
-    """Where, in numbers of points, a line passes an azimuth."""
+    """The positions along a line, in points, at which it passes an azimuth."""
     before = azimuths[:-1] - at
     (k,) = np.nonzero(before * (azimuths[1:] - at) < 0)
     crossings: Floats = k - before[k] / np.diff(azimuths)[k]

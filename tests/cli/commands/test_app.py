@@ -1,4 +1,4 @@
-"""The command `nablahog app`: its one line, its page, and what it says when it cannot."""
+"""The command `nablahog app`: its one line, its page, and its errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_it_serves_until_it_is_interrupted(photo: str) -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
-        address = re.fullmatch(r"Look at (http://127\.0\.0\.1:\d+/) until Ctrl-C\n", line)
+        address = re.fullmatch(r"The page is at (http://127\.0\.0\.1:\d+/) until Ctrl-C\n", line)
         assert address is not None, line
         with urllib.request.urlopen(address[1]) as page:
             assert "∇HOG" in page.read().decode()

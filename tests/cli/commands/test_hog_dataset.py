@@ -111,13 +111,13 @@ def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., No
         str(tmp_path / name) for name in ("photos/0.png", "photos/1.png", "photos/x.png", "o.parquet")
     )
     assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0
-    refused("hog", *[other] * 4, "-o", out, message="is of other images, or of another descriptor")
+    refused("hog", *[other] * 4, "-o", out, message="has other images, or another kind of descriptor")
     refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="expected another -o")
-    refused("hog", one, "-o", out, message="holds 1 more shards than these images make")
+    refused("hog", one, "-o", out, message="holds 1 shard of other images")
     refused("hog", f"zip://*.png::{bad}", "-o", str(tmp_path / "q.parquet"), message="File is not a zip file")
-    refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="none of the 1 images has a descriptor")
+    refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="no image of 1 has a descriptor")
     (tmp_path / "s.parquet").write_bytes(b"x")
-    refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="is a file: a data set is a folder of files")
+    refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="expected a folder for the data set")
     refused("hog", one, "-o", "nostore://x.parquet", message="nostore://x.parquet: Protocol not known")
     refused("hog", one, "-o", str(tmp_path / "a.npz"), "--workers", "2", message="--workers goes with a data set")
 

@@ -83,7 +83,7 @@ def test_going_on_from_a_prior(tmp_path: Path, images: str, refused: Callable[..
     assert LearnedPrior.load(out).learning.start == digest_of_weights(LearnedPrior.load(start).weights)
     refused("learn", "prior", *options, "-o", str(out), "--start", "none.npz", message="none.npz: no such file")
     unsigned = [*options, "--signs", "unsigned", "-o", str(out), "--start", str(start)]
-    refused("learn", "prior", *unsigned, message="was learned for signed descriptors, a paper descriptor is unsigned")
+    refused("learn", "prior", *unsigned, message="is for signed descriptors, but a paper descriptor is unsigned")
 
 
 def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,9 +117,9 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
     ("kind", "options", "message", "status"),
     [
         ("background", [], "no image is usable; the first: 0.png: expected at least 96x96 pixels, got 40x48", 1),
-        ("background", ["--preset", "paper"], "locally normalised descriptors only", 1),
+        ("background", ["--preset", "paper"], "a locally normalised descriptor", 1),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels", 1),
-        ("hoggles", ["--set", "a=b"], "--set: uoctti has no parameter 'a', but", 1),
+        ("hoggles", ["--set", "a=b"], "--set: uoctti has no parameter 'a'", 1),
         ("poses", [], "invalid choice: 'poses'", 2),
     ],
 )
@@ -146,7 +146,7 @@ def test_interrupted_and_repeated(
         assert main([*command, str(out)]) == 130
     assert names(tmp_path) == ["images", "undisturbed.npz", "x.npz.checkpoint"]
     assert len(torch.load(checkpoint, weights_only=True)["losses"]) == 2
-    refused(*command, str(out), "--signs", "unsigned", message=f"{checkpoint}: the checkpoint of another ")
+    refused(*command, str(out), "--signs", "unsigned", message=f"{checkpoint} is the checkpoint of another ")
     assert main([*command, str(out)]) == 0
     assert names(tmp_path) == ["images", "undisturbed.npz", "x.npz"]
     arrays, expected = arrays_of(out), arrays_of(undisturbed)

@@ -173,7 +173,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
         argv = [str(part) for key, value in options.items() for part in (f"--{key}={value}",)]
         refused("pose", photograph, *argv, *to, message=message, status=status)
 
-    check("the box must lie in the image of 150x180 pixels", box="200,0,300,100")
+    check("the image of 150x180 pixels", box="200,0,300,100")
     check("x0,y0,x1,y1, got '1,2,3'", 2, box="1,2,3")
     check("expected an elevation in -90…90 degrees, got '0,91'", 2, init="0,91")
     check("expected a number above 0 and at most 180", 2, within="200")
@@ -351,4 +351,4 @@ def test_bad_lists(tmp_path: Path, photos: Path, refused: Callable[..., None]) -
     (tmp_path / "objects.csv").write_text("image,x0,y0,x1,y1\na.png,1,2,3,w\n")
     refused(*whole, message="objects.csv, line 2, column y1: expected a finite number of pixels, got 'w'")
     (tmp_path / "objects.csv").write_text("image\nnone.png\nother.png\n")
-    refused(*whole, message="there is no pose of any object; the first: object 1: ")
+    refused(*whole, message="no object has a pose; the first: object 1: ")

@@ -1,4 +1,4 @@
-"""`--prior`: inverting and the table with a prior that was learned, with that of the package, and without."""
+"""`--prior`: inversion and Table 1 with a learned prior, with those of the package, and without any."""
 
 from __future__ import annotations
 
@@ -111,10 +111,10 @@ def test_priors_that_do_not_fit(
     tmp_path: Path, photo: str, images: str, prior: str, unsigned_prior: str, refused: Callable[..., None]
 ) -> None:
     to = ["-o", str(tmp_path / "out")]
-    message = f"{photo}: the prior was learned for signed descriptors, a paper descriptor is unsigned"
+    message = f"{photo}: the prior is for signed descriptors, but a paper descriptor is unsigned"
     refused("invert", photo, *to, "--prior", prior, "--preset", "paper", message=message)
     table = ["table1", "--images", images, *to, "--learned"]
-    refused(*table, f"prior={unsigned_prior}", message="uoctti-learned: the prior was learned for unsigned descriptors")
+    refused(*table, f"prior={unsigned_prior}", message="uoctti-learned: the prior is for unsigned descriptors")
 
 
 def test_damaged_priors(tmp_path: Path, images: str, photo: str, prior: str, refused: Callable[..., None]) -> None:

@@ -51,7 +51,7 @@ def test_what_it_refuses(tmp_path: Path, images: str, refused: Callable[..., Non
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "notes.txt").touch()
     to = ["table1", "-o", str(tmp_path / "out")]
-    refused(*to, "--methods", "dalal-single,hog", message="expected methods of bovw, hoggles, cnn-hog", status=2)
+    refused(*to, "--methods", "dalal-single,hog", message="expected methods from bovw, hoggles, cnn-hog", status=2)
     refused(*to, "--learned", "prior", message="expected KIND=FILE", status=2)
     refused(*to, "--images", str(tmp_path / "empty"), message="expected a folder of images, but it holds none")
     refused(*to, "--images", images, "--learned", f"prior={images}/no", message="no such file")
@@ -62,5 +62,5 @@ def test_what_it_refuses(tmp_path: Path, images: str, refused: Callable[..., Non
 def test_no_result_at_all(tmp_path: Path, images: str, here: None, refused: Callable[..., None]) -> None:
     for name in os.listdir(images):
         Path(images, name).write_bytes(b"no image")
-    message = "there is no result for any image; the first: 0.png: expected an image"
+    message = "no image has a result; the first: 0.png: expected an image"
     refused("table1", "--images", images, "-o", str(tmp_path / "out"), *QUICK, message=message)

@@ -93,8 +93,8 @@ def test_models_and_viewpoints_of_mine(tmp_path: Path, models: str, capsys: pyte
     options = ["--models", models, "--viewpoints", str(viewpoints), "--objects", "4", "--methods", "best"]
     assert main(["table2", "-o", str(tmp_path / "out"), *options, "--unknown-model", *NONE]) == 0
     printed = capsys.readouterr().out
-    assert "4 scenes of 3 models of the folder my models, seen from the 2 viewpoints of mine.csv" in printed
-    assert "looked for by all models but its own" in printed
+    assert "4 scenes of 3 models of the folder my models, seen from 2 viewpoints of mine.csv" in printed
+    assert "compared with all models but its own" in printed
     assert "Skipped: bad: " in printed
     for row in _rows(tmp_path / "out" / "per_object.csv"):
         assert row["found_model"] == ",".join(sorted({*"abc"} - {row["model"]}))
@@ -117,7 +117,7 @@ def published(voc_and_pascal3d: tuple[Path, Path]) -> list[str]:
 def test_photographs(tmp_path: Path, published: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["table2", "-o", str(tmp_path / "out"), *published, "--methods", "paper"]) == 0
     printed = capsys.readouterr().out
-    assert "2 objects of 1 photographs" in printed
+    assert "2 objects of 1 photograph" in printed
     assert "Failed: e, all methods: e.mat: expected a MATLAB file" in printed
     rows = _rows(tmp_path / "out" / "per_object.csv")
     assert [(row["object"], row["model"], row["found_model"], row["true_azimuth"]) for row in rows] == [
@@ -146,8 +146,8 @@ def test_photographs_of_mine(tmp_path: Path, own: str, models: str, capsys: pyte
     out = tmp_path / "out"
     assert main(["table2", own, "-o", str(out), "--models", models, "--unknown-model", "--methods", "paper"]) == 0
     printed = capsys.readouterr().out
-    assert "3 objects of the photographs of the folder my photos" in printed
-    assert "by all of 3 models but its own" in printed
+    assert "3 objects in photographs of the folder my photos" in printed
+    assert "3 models, without its own" in printed
     rows = {row["object"]: row for row in _rows(out / "per_object.csv")}
     assert [rows[name]["found_model"] for name in ("one.png#1", "one.png#2", "two.jpg#3")] == ["b,c", "a,b,c", "a,c"]
     assert [rows[name]["true_azimuth"] for name in ("one.png#1", "two.jpg#3")] == ["30.0", "350.0"]
@@ -177,21 +177,21 @@ def test_conditions_and_a_repeated_run(tmp_path: Path, models: str) -> None:
 
 def test_refusals(tmp_path: Path, models: str, own: str, published: list[str], refused: Callable[..., None]) -> None:
     to = ["table2", "-o", str(tmp_path / "out")]
-    refused(*to, *published, "--viewpoints", "v.csv", message="--viewpoints is for scenes")
+    refused(*to, *published, "--viewpoints", "v.csv", message="--viewpoints is for rendered scenes")
     refused(*to, "--pascal3d", models, published[2], message="expected the folder VOC2012 of PASCAL VOC")
     refused(*to, "--models", f"{models}x", message="no such folder")
     (tmp_path / "few").mkdir()
     (tmp_path / "few" / "a.off").write_text(TETRAHEDRON)
     refused(*to, "--models", str(tmp_path / "few"), "--unknown-model", message="at least 2 models to leave one out")
-    refused(*to, "--methods", "hog", message="expected methods of exemplar, ", status=2)
-    refused(*to, "--conditions", "fog", message="expected conditions of ", status=2)
+    refused(*to, "--methods", "hog", message="expected methods from exemplar, ", status=2)
+    refused(*to, "--conditions", "fog", message="expected conditions from ", status=2)
     refused(*to, *published, "--conditions", "exact", message="objects of --pascal3d are cut out along their boxes")
-    refused(*to, own, *published, message="two sets of objects; one at a time")
-    refused(*to, own, "--models", models, "--conditions", "steep", message="steep is of scenes that are rendered")
+    refused(*to, own, *published, message="got both")
+    refused(*to, own, "--models", models, "--conditions", "steep", message="steep is for rendered scenes")
     refused(*to, str(tmp_path / "no.csv"), message="no.csv: no such file")
 
 
 def test_no_pose_at_all(tmp_path: Path, models: str, refused: Callable[..., None]) -> None:
     options = ["--models", models, "--objects", "1", "--methods", "exemplar"]
-    message = "there is no pose of any object; the first: 0000: no detection"
+    message = "no object has a pose; the first: 0000: no detection"
     refused("table2", "-o", str(tmp_path / "out"), *options, message=message)

@@ -57,7 +57,7 @@ def test_one_of_several(tmp_path: Path, array: NDArray[np.float32], refused: Cal
     path = str(tmp_path / "d.npz")
     np.savez(path, hog=array, other=array[:, :5], size=np.array([48, 64]), text="cat")
     command = ["glyph", path, "--preset", "vlfeat", "-o", str(tmp_path / "g.png")]
-    refused(*command, message=f"{path}: expected one array or --key NAME, the file holds hog (31, 6, 8), other")
+    refused(*command, message=f"{path}: expected one array or --key NAME, but the file holds hog (31, 6, 8), other")
     refused(*command, "--key", "text", message="there is no array 'text' of numbers")
     assert main([*command, "--key", "other"]) == 0
     assert read_image(tmp_path / "g.png").shape == (1, 5 * 16, 8 * 16)

@@ -1,4 +1,4 @@
-"""Cases that found something, kept as seeds: of a target whose cases are tuples, ``TARGET.json``."""
+"""Cases that found a fault, kept as seeds: ``TARGET.json`` for a target whose cases are tuples."""
 
 from __future__ import annotations
 

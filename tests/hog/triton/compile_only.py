@@ -2,8 +2,8 @@
 
     TRITON_INTERPRET=0 SM=80 python -m pytest -q -p tests.hog.triton.compile_only tests/hog/triton/test_steps.py
 
-The interpreter accepts more than the compiler does.  A test fails if a kernel that it launches cannot be compiled; of
-results, which are whatever the memory holds, nothing is said.  Takes half an hour the first time.
+The interpreter accepts more than the compiler does.  A test fails if a kernel that it launches cannot be compiled;
+results are not checked: they are whatever the memory holds.  Takes half an hour the first time.
 """
 
 from __future__ import annotations

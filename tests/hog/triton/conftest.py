@@ -1,4 +1,4 @@
-"""Triton's interpreter runs the kernels on a CPU, see ``tests/conftest.py``; where there is a GPU, it does."""
+"""Triton's interpreter runs the kernels on a CPU, see ``tests/conftest.py``; a GPU, where there is one, without it."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def test_what_cannot_be_learned_from() -> None:
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {"a": camera[:18, :16]}}, r"at least two windows of 16x16 pixels, 4 apart, got 18x16"),
         ({"images": {"a": camera, "b": camera[1:]}}, "of one size, but a has 64x64 pixels, b 63x64"),
-        ({"images": {"a": camera * 255}}, "a: expected an image"),
+        ({"images": {"a": camera * 255}}, "a: expected gray values in 0…1"),
         ({"images": {"a": camera[:20, :20]}}, r"at least 39 windows with contrast to find 40 words, got 8"),
         ({"words": 1}, "words must be 2 … 32767, got 1"),
         ({"patch": 17}, "a patch must be 16 pixels wide, or an even number more, got 17"),
@@ -183,9 +183,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "bright patches": ({"patches": np.full((3, 16, 16), 1.5, np.float32)}, "the patches must lie in 0…1"),
     "small patches": ({"patches": np.zeros((3, 14, 14), np.float32)}, "a patch must be 16 pixels wide"),
     "unknown words": ({"database": np.full((2, 1, 2), 3, np.int16)}, "the database must lie in 0…2"),
-    "words of nothing": ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must be somewhere"),
+    "words of nothing": ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must occur"),
     "another size": ({"image_size": np.array([16, 24])}, r"the database must be int16 of shape \(2, 1, 3"),
-    "no cell": ({"cell": np.array(0)}, "a cell must have at least 1 pixel, got 0"),
+    "no cell": ({"cell": np.array(0)}, "a cell must be at least 1 pixel wide, got 0"),
 }
 
 

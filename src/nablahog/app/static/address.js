@@ -18,7 +18,7 @@ export class Address extends EventTarget {
     this.#read();
     addEventListener("hashchange", () => {
       const [view, values] = [this.view, this.#values.toString()];
-      // what is not a state, as the link that skips to the view, changes nothing
+      // a hash that is no state, such as that of the link that skips to the view, changes nothing
       if (!location.hash.startsWith("#/") && location.hash !== "") return this.#write();
       clearTimeout(this.#timer);
       this.#read();

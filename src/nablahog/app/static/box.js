@@ -36,8 +36,8 @@ export class BoxPicker {
         const some = this.#inputs.some((each) => each.value);
         for (const each of this.#inputs) each.required = some;
         const [left, top, right, bottom] = this.#inputs;
-        right?.setCustomValidity(some && right.valueAsNumber <= (left?.valueAsNumber ?? 0) ? "It must be more than Left." : "");
-        bottom?.setCustomValidity(some && bottom.valueAsNumber <= (top?.valueAsNumber ?? 0) ? "It must be more than Top." : "");
+        right?.setCustomValidity(some && right.valueAsNumber <= (left?.valueAsNumber ?? 0) ? "It must be larger than Left." : "");
+        bottom?.setCustomValidity(some && bottom.valueAsNumber <= (top?.valueAsNumber ?? 0) ? "It must be larger than Top." : "");
         const [x0, y0, x1, y1] = this.#inputs.map(numberOf);
         if (some && (x0 == null || y0 == null || x1 == null || y1 == null)) return;
         this.value = some ? [x0 ?? 0, y0 ?? 0, x1 ?? 0, y1 ?? 0] : null;

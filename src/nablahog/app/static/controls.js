@@ -8,7 +8,7 @@ import { element, fill, make, numberOf } from "./dom.js";
  * A control of one parameter.
  *
  * @typedef {{nodes: HTMLElement, read: () => string | null, write: (text: string) => void}} Control
- * read: null where what was entered is no value
+ * read: null if the entry is not valid
  */
 
 /** A preset and its parameters, which the address keeps under `preset` and their own names. */

@@ -44,7 +44,7 @@ export class Curve {
     return rest(pose) === this.#asked;
   }
 
-  /** @param {Pose} pose asks for its curve once it stays */
+  /** @param {Pose} pose its curve is asked for once it stays */
   want(pose) {
     this.#old = rest(pose) !== this.#asked;
     this.later(pose);

@@ -107,7 +107,7 @@ export const prefersReducedMotion = () => reduced.matches;
 /**
  * @param {(...values: any[]) => void} work
  * @param {number} milliseconds
- * @returns {(...values: any[]) => void} runs `work` once no call came for so long
+ * @returns {(...values: any[]) => void} runs `work` once no call has come for that long
  */
 export function debounce(work, milliseconds) {
   let timer = 0;
@@ -118,7 +118,7 @@ export function debounce(work, milliseconds) {
 }
 
 /**
- * Switches a button; one that is off keeps the focus, as one that is disabled would not.
+ * Switches a button on or off; off it keeps the focus, unlike a disabled one.
  *
  * @param {HTMLButtonElement} button
  * @param {boolean} on
@@ -159,7 +159,7 @@ export function bringIntoSight(upper, lower) {
 }
 
 /**
- * Whether all controls in these elements have values that they allow; the first one that has not says so.
+ * Whether all controls in these elements have values that they allow; the first one that does not says so.
  *
  * @param {...Element} places
  */

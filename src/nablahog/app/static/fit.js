@@ -101,7 +101,7 @@ export class Fit {
     this.#explain();
   }
 
-  /** Says where the focal length is from. */
+  /** Says where the focal length comes from. */
   #explain() {
     const source = this.app.source.value;
     const said = source?.kind === "photo" && source.focal && Math.abs(source.focal - this.#focal.valueAsNumber) < 0.1;
@@ -131,7 +131,7 @@ export class Fit {
   #boxed() {
     this.app.address.set({ box: this.#box.value?.join(",") ?? "none" });
     if (!this.#ready) return;
-    // the old place is that of another crop
+    // the old pose is for another crop
     this.app.address.set({ pose: null });
     this.#reopen();
   }
@@ -192,7 +192,7 @@ export class Fit {
       case "curve":
         if (this.#curve.add(message)) this.#end("curve");
         return;
-      case "progress": return this.#waits.fit?.say(`Searches the pose: ${message.what}`, message.done, message.total);
+      case "progress": return this.#waits.fit?.say(`Searches for the pose: ${message.what}`, message.done, message.total);
       case "step": return this.#step(message);
       case "fitted": return this.#finish(message);
       case "stopped":
@@ -296,7 +296,7 @@ export class Fit {
     this.#intoSight();
     this.#fitted = null;
     this.#end("curve");
-    this.#begin("fit", "search-progress", "Searches the pose", () => this.#session.send({ type: "stop" }));
+    this.#begin("fit", "search-progress", "Searches for the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
     this.#curve.steps = [];
     element("fit-result", HTMLElement).hidden = true;
@@ -315,7 +315,7 @@ export class Fit {
   /** @param {{pose: Pose, similarity: number}} message */
   #step(message) {
     this.#curve.step(message.pose, message.similarity);
-    this.#waits.fit?.say(`Searches the pose: similarity ${figure(message.similarity)}`);
+    this.#waits.fit?.say(`Searches for the pose: similarity ${figure(message.similarity)}`);
     const now = performance.now();
     if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
     this.#lastStep = now;

@@ -6,7 +6,7 @@ import { paint, pictureOf, pngOf } from "./files.js";
 
 /** Milliseconds between frames for readers who want less motion. */
 const REDUCED = 500;
-const METHODS = { prior: "with the learned prior", "no-prior": "without prior", paper: "as in the paper" };
+const METHODS = { prior: "with the learned prior", "no-prior": "without a prior", paper: "as in the paper" };
 
 /** @param {string} method */
 export const methodName = (method) => Object.entries(METHODS).find(([id]) => id === method)?.[1] ?? method;
@@ -52,7 +52,7 @@ export class Painter {
     if (!this.#busy) void this.#paint();
   }
 
-  /** Draws nothing of what came until now. */
+  /** Drops the pictures that have come until now. */
   forget() {
     this.#next = null;
     this.#generation++;

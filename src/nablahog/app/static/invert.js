@@ -67,7 +67,7 @@ export class Invert {
     app.source.addEventListener("change", () => this.show());
   }
 
-  /** Forgets what was made of another source than this one. */
+  /** Forgets what was made from another source. */
   show() {
     const id = this.app.source.value?.id ?? "";
     if (id !== this.#of) this.#reset();
@@ -96,10 +96,10 @@ export class Invert {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
     const missing = this.#method.value === "prior" && !this.app.about.priors[kind];
     element("method-about", HTMLElement).textContent = missing
-      ? `There is no learned prior for presets with ${kind} directions: the method works without.` : "";
+      ? `There is no learned prior for presets with ${kind} directions: the method works without one.` : "";
   }
 
-  /** What a request says of the source and the descriptor. */
+  /** What a request says about the source and the descriptor. */
   get #asked() {
     return { ...this.app.source.named, ...this.app.dialect.value,
       size: numberOf(this.#size) ?? FIRST_SIZE };
@@ -170,7 +170,7 @@ export class Invert {
     const controls = this.#start.closest(".bar") ?? this.#start;
     bringIntoSight(controls, this.#canvas);
     const result = await this.#newest.run("Makes the pre-image", (signal, wait) => invert(body, signal, {
-      queued: (count) => wait.say(count ? `Waits: ${count} before this` : "Waits for the server"),
+      queued: (count) => wait.say(count ? `Waits: ${count} before this one` : "Waits for the server"),
       start: (data) => {
         photograph = data.photograph;
         this.#stage.fit(data.image_size[1], data.image_size[0]);
@@ -237,7 +237,7 @@ export class Invert {
     const unsure = done.polarity !== null && done.polarity < SURE;
     const known = done.cc === null ? "" : ` CC ${figure(done.cc)}, SSIM ${figure(done.ssim)}.`;
     element("invert-said", HTMLElement).textContent = `Done: distance ${figure(done.distance)}.${known}` + (unsure
-      ? ` The descriptor hardly says what is dark and what is bright (sure to ${figure(done.polarity, 2)}): the negative fits almost as well.`
+      ? ` The descriptor hardly says what is dark and what is bright (confidence ${figure(done.polarity, 2)}): the negative fits almost as well.`
       : "");
     const negative = element("negative", HTMLElement);
     negative.hidden = !unsure || !done.negative;

@@ -27,7 +27,7 @@ export function showLines(place, lines, sample) {
     if (sample && blob) save(blob, sample.name);
   });
   place.replaceChildren(make("h2", {}, "The same without this page"), ...blocks,
-    ...sample ? [make("p", { class: "note" }, "They read the sample photograph from a file: ", saved)] : []);
+    ...sample ? [make("p", { class: "note" }, "Both read the sample photograph from a file: ", saved)] : []);
 }
 
 /**

@@ -28,7 +28,7 @@ export function ask(sentence, question, before, about, send) {
   reads.push(choice(form, "preset", "Preset", [...fits, ...others], answers, fits[0]?.id ?? about.default_preset));
   const input = make("input", { type: "text", id: "question-image_size", name: "image_size",
     pattern: "\\d+\\s*[x×,]\\s*\\d+", placeholder: "128x64", title: "height x width in pixels, such as 128x64", value: answers.image_size, autocomplete: "off" });
-  form.append(field("question-image_size", "Size of its image, height x width (if it is needed)", input));
+  form.append(field("question-image_size", "Size of its image, height x width (if needed)", input));
   reads.push(() => {
     answers.image_size = input.value.replaceAll(/\s/g, "").replace(/[×,]/, "x");
     answers.settings = "{}";
@@ -61,7 +61,7 @@ function why(sentence, { keys, shape, fitting }, before) {
   if (keys) return "It holds several arrays: choose one.";
   const first = before.preset ? `${sentence}.` : "It does not say which library made it.";
   return fitting.length ? `${first} Presets whose descriptors have this shape come first, the likeliest on top.`
-    : `${first} With its default parameters no preset makes an array of ${shape?.join(" × ")} numbers: write the size of its ` +
+    : `${first} With default parameters, no preset makes an array of ${shape?.join(" × ")} numbers: enter the size of its ` +
       "image, or save it by nablahog.save_descriptor, which keeps all parameters, and open that file.";
 }
 

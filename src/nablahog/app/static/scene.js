@@ -156,7 +156,7 @@ export class Scene {
     const scale = this.canvas.width / this.#side;
     const x = (this.#side / 2 + (this.#pose[4] ?? 0)) * scale, y = (this.#side / 2 + (this.#pose[5] ?? 0)) * scale;
     const length = 0.4 * this.canvas.width * size / (size + HALF);
-    // as the pointer has to be dragged: to the left the azimuth grows, downwards the elevation
+    // where to drag the pointer: to the left the azimuth grows, downwards the elevation
     const [dx, dy] = [-azimuth / size, elevation / size];
     const head = Math.min(18, length / 2);
     const [ex, ey] = [x + length * dx, y + length * dy];

@@ -190,7 +190,7 @@ export class SourceChooser extends EventTarget {
     question.close();
     const most = this.about.limits.upload_bytes;
     if (file.size > most) {
-      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the most is ${Math.floor(most / 1e6)} MB: choose a smaller file.`));
+      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the limit is ${Math.floor(most / 1e6)} MB: choose a smaller file.`));
     } else if (MESHES.test(file.name)) {
       this.openMesh(file);
     } else if (ARRAYS.test(file.name)) {

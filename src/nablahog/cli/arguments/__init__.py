@@ -1,1 +1,1 @@
-"""What the commands' parsers take: all that ``--help`` loads."""
+"""The arguments of the commands, which are all that ``--help`` loads."""

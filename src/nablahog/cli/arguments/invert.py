@@ -13,7 +13,6 @@ MOST_SAMPLES = 64
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog hog``."""
     command = commands.add_parser(
         "hog",
         usage="%(prog)s PHOTO … -o FILE [options]",
@@ -42,7 +41,6 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog glyph``."""
     command = commands.add_parser(
         "glyph",
         usage="%(prog)s INPUT … -o FILE [options]",
@@ -56,7 +54,6 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def invert(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog invert``."""
     command = commands.add_parser(
         "invert",
         usage="%(prog)s INPUT … -o DIR [options]",
@@ -78,12 +75,12 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     method = "how to search: default, or paper, the paper's own, which is much slower"
     options.choice(command, "--method", get_args(InversionMethod), method)
-    prior = "what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)"
+    prior = "a file of `nablahog learn prior`, or none for no prior (default: the prior that comes with nablahog)"
     options.file(command, "--prior", "FILE", prior)
     options.number(
         command,
         "--samples",
-        "show N other answers to an unsigned descriptor; where they differ, the descriptor leaves it open",
+        "show N other images for an unsigned descriptor: they differ where it leaves the image open",
         least=2,
         most=MOST_SAMPLES,
     )
@@ -93,7 +90,6 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def demo(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog demo``."""
     command = commands.add_parser(
         "demo",
         help="invert a photograph that comes with scikit-image",

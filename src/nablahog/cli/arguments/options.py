@@ -16,7 +16,7 @@ SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line that suggests what was meant."""
+    """An argument parser whose errors are one line, which suggests what may have been meant."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {one_line(message)} (see {self.prog} --help)\n")
@@ -86,7 +86,7 @@ def chosen(kind: str, choices: Collection[str], sets: Mapping[str, Collection[st
         for name in names:
             if name not in choices:
                 meant = did_you_mean(name, [*choices, *sets])
-                raise argparse.ArgumentTypeError(f"expected {kind} of {', '.join(choices)}, got {name!r}{meant}")
+                raise argparse.ArgumentTypeError(f"expected {kind} from {', '.join(choices)}, got {name!r}{meant}")
         return list(dict.fromkeys(names))
 
     return parse
@@ -158,7 +158,7 @@ def output(command: argparse.ArgumentParser, metavar: str, text: str, *, stdout:
 
     def parse(value: str) -> str:
         if value == "-" and not stdout:
-            raise argparse.ArgumentTypeError("expected the name of a file or folder: these results cannot go to stdout")
+            raise argparse.ArgumentTypeError("expected the name of a file or folder; these results cannot go to stdout")
         return path(value)
 
     command.add_argument("-o", "--output", required=True, type=parse, metavar=metavar, help=text)

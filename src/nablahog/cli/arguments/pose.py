@@ -15,7 +15,7 @@ LEAST_CONFIDENCE = 0.3
 
 
 def _number(name: str, holds: Callable[[float], bool], expected: str) -> Callable[[str], float]:
-    """Parses a number of which ``holds`` is true."""
+    """Parses a number for which ``holds`` is true."""
 
     def parse(text: str) -> float:
         (number,) = numbers(name)(text)
@@ -49,7 +49,6 @@ def _axis(text: str) -> str:
 
 
 def pose(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog pose``."""
     command = commands.add_parser(
         "pose",
         usage="%(prog)s PHOTO -o DIR [options]",

@@ -23,7 +23,7 @@ _EXPECTED = {
     int: "an integer of at most six digits",
     float: "a number",
     bool: "true or false",
-    tuple: "two integers as 8x8",
+    tuple: "two integers such as 8x8",
     NoneType: "none",
 }
 _ONLY_IF_SET = {"cell_size": ("cell_size", "pixels_per_cell"), "vote": ("vote", "bilinear_orientations", "bilinear")}
@@ -81,7 +81,7 @@ def _value(text: str, kind: Any) -> Any:
         if len(sides) > 2:
             raise ValueError
         return _value(sides[0], int), _value(sides[-1], int)
-    if kind is int and re.fullmatch(r"-?\d{1,6}", text, re.ASCII):  # more could not be computed
+    if kind is int and re.fullmatch(r"-?\d{1,6}", text, re.ASCII):  # larger ones could not be computed
         return int(text)
     if kind is float and math.isfinite(float(text)):
         return float(text)
@@ -125,7 +125,6 @@ class SpecOptions:
 
     @property
     def name(self) -> str:
-        """The preset."""
         return self.preset or DEFAULT_PRESET
 
     def parameters(self) -> dict[str, Any]:
@@ -134,7 +133,7 @@ class SpecOptions:
         for key, text in self.settings:
             if key not in hints:
                 meant = did_you_mean(key, hints)
-                raise ValueError(f"--set: {self.name} has no parameter {key!r}, but {', '.join(hints)}{meant}")
+                raise ValueError(f"--set: {self.name} has no parameter {key!r}; it has {', '.join(hints)}{meant}")
             try:
                 parameters[key] = parsed(text, hints[key])
             except ValueError as error:

@@ -73,7 +73,6 @@ def _prior(command: argparse.ArgumentParser) -> None:
 
 
 def table1(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog table1``."""
     command = commands.add_parser(
         "table1",
         usage="%(prog)s -o DIR [options]",
@@ -100,7 +99,6 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def table2(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Adds ``nablahog table2``."""
     command = commands.add_parser(
         "table2",
         usage="%(prog)s [CSV] -o DIR [options]",

@@ -26,8 +26,8 @@ LEAD = (
     "Each image was found from a HOG descriptor alone. The photograph is not an input of the inversion; it is shown "
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
-    "paper's has unsigned gradients, which are the same for a region and its negative: which regions are bright is "
-    "what a learned prior expects of photographs, and so are the details of both."
+    "paper's has unsigned gradients, which are the same for a region and its negative: a learned prior decides which "
+    "regions are bright. It also supplies the details of both images."
 )
 REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and comes with scikit-image."
 

@@ -21,7 +21,7 @@ from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
 from ...runtime.extras import extra
-from ...runtime.text import decoded
+from ...runtime.text import counted, decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
@@ -80,9 +80,9 @@ def _check_stdout(output: str) -> None:
 def _write_each(
     name: str, inputs: Inputs, ending: str, write: Callable[[Path, Source], None], *, is_file: bool
 ) -> None:
-    """Writes one result for each input: to stdout, the file ``name`` if one input and ``is_file``, or a folder.
+    """Writes one result for each input: to stdout; to the file ``name``, for one input and ``is_file``; or to a folder.
 
-    Prints a table of what was written, but to stdout.
+    Prints a table of what was written, except after writing to stdout.
     """
     output, sources = Path(name), inputs.sources
     to_stdout = name == STDOUT
@@ -131,7 +131,7 @@ def hog_dataset(arguments: Namespace) -> int:
     keys = [key_of_shard(job.target) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
         if key not in (None, job.key):
-            raise UserError(f"{job.target} is of other images, or of another descriptor: expected another -o")
+            raise UserError(f"{job.target} has other images, or another kind of descriptor: expected another -o")
     missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
     failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
     return _report(target, failed)
@@ -161,7 +161,7 @@ def _paths(arguments: Namespace) -> list[str]:
             paths += _urls(name)
     for name in arguments.inputs:
         for line in map(local_name, _lines(name[1:]) if name.startswith(LIST) else ()):
-            if "://" in line:  # signed ones have question marks, and a store is not asked for each
+            if "://" in line:  # signed URLs have question marks, which are no patterns
                 paths += _urls(line) if "*" in line else [line]
             else:
                 paths += _expanded(arguments, [line]) if os.path.isdir(line) or glob.has_magic(line) else [line]
@@ -175,11 +175,11 @@ def _expanded(arguments: Namespace, names: list[str]) -> list[str]:
 
 
 def _lines(name: str) -> list[str]:
-    """The entries of a list: lines without blanks and quotes around them; remarks (#) and empty ones are left out."""
+    """The entries of a list: lines without blanks and quotes around them; comments (#) and empty ones are left out."""
     try:
         lines = [line.strip() for line in decoded(Path(name).read_bytes()).splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{name}: expected a list of images, one a line: {error}") from None
+        raise UserError(f"{name}: expected a list of images, one per line: {error}") from None
     lines = [line[1:-1] if len(line) > 1 and line[0] == line[-1] == '"' else line for line in lines]
     return [line for line in lines if line and not (line.startswith("#") and not os.path.exists(line))]
 
@@ -221,11 +221,11 @@ def _check_empty(target: str, own: Sequence[str]) -> None:
     """Raises UserError if the output holds other shards, which would become a part of the data set."""
     system, path = _storage(target)
     if system.exists(path) and not system.isdir(path):
-        raise UserError(f"{target} is a file: a data set is a folder of files")
+        raise UserError(f"expected a folder for the data set, got the file {target}")
     there = {Path(str(each)).name for each in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
     others = there - {Path(each).name for each in own}
     if others:
-        raise UserError(f"{target} holds {len(others)} more shards than these images make: expected another -o")
+        raise UserError(f"{target} holds {counted(len(others), 'shard')} of other images: expected another -o")
 
 
 def _report(target: str, reasons: Sequence[str]) -> int:
@@ -233,13 +233,13 @@ def _report(target: str, reasons: Sequence[str]) -> int:
     from ...io.descriptor_dataset import DescriptorDataset
 
     if reasons:
-        raise UserError(f"{len(reasons)} shards could not be written; the first: {reasons[0]}")
+        raise UserError(f"{counted(len(reasons), 'shard')} could not be written; the first: {reasons[0]}")
     with as_user_error():
         data = DescriptorDataset(target)
     errors = list(data.errors())
     if len(errors) == len(data):
         data.remove()
-        raise UserError(f"none of the {len(data)} images has a descriptor; the first: {': '.join(errors[0])}")
+        raise UserError(f"no image of {len(data):,} has a descriptor; the first: {': '.join(errors[0])}")
     for path, reason in errors[:SHOWN]:
         inform(f"nablahog hog: skipped: {path}: {reason}")
     say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}")

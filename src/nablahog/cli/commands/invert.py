@@ -175,7 +175,6 @@ class _Results:
         return [self.inversions[number] for number in sorted(self.inversions)]
 
     def write(self) -> None:
-        """Writes ``results.json``."""
         figures = [*(inversion.figures() for inversion in self.in_order()), *self.skipping.skipped]
         write_text(self.folder / "results.json", f"{json.dumps(figures, indent=2, allow_nan=False)}\n")
         self.written = time.monotonic()
@@ -186,7 +185,7 @@ def _say_unsure(inversions: Sequence[Inversion]) -> None:
     unsure = [f"{each.source.name} ({each.polarity:.0%} sure)" for each in inversions if each.unsure]
     if unsure:
         more = ", …" if len(unsure) > NAMED else ""
-        say(f"Which side is bright is uncertain: {', '.join(unsure[:NAMED])}{more}")
+        say(f"It is uncertain which regions are bright: {', '.join(unsure[:NAMED])}{more}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,6 @@ def _learner(kind: str) -> Learner:
 
 
 def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
-    """The arguments of the learner."""
     options = {name: getattr(arguments, name) for name in ("seed", "epochs") if name in arguments}
     if arguments.kind == "prior":
         options["device"] = "cuda" if torch.cuda.is_available() else "cpu"

@@ -33,12 +33,12 @@ from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page
 
 SIDE = 160  # pixels of the picture of an object
-AXES = "; if y points up in the file of the model, say --up y --front=+z"
-_FILL = 0.8  # of that, the longer side of the box
+AXES = "; if y points up in the file of the model, use --up y --front=+z"
+_FILL = 0.8  # share of that for the longer side of the box
 
 
 def pose(arguments: Namespace) -> int:
-    """Finds the poses of all objects; a run of many objects that was interrupted goes on where it ended.
+    """Finds the poses of all objects; an interrupted run of many objects is resumed when it is repeated.
 
     Returns:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
@@ -61,7 +61,7 @@ def pose(arguments: Namespace) -> int:
         posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
         failed = [one for one in posed if not one.figures]
         if len(failed) == len(posed):
-            raise UserError(f"there is no pose of any object; the first: {_named(failed[0])}")
+            raise UserError(f"no object has a pose; the first: {_named(failed[0])}")
         for each in failed:
             tell("pose", f"skipped: {_named(each)}")
         write(folder, posed, least)
@@ -84,7 +84,7 @@ def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobR
 
 
 def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
-    """Returns what is known of the objects, and their photographs."""
+    """What is known about the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
@@ -159,7 +159,7 @@ class PoseOptions:
     """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
 
     Models are names and files, none for :func:`nablahog.sample_chairs`; the focal length is in pixels, "exif" or
-    "unknown", or None: as the photograph's file says, if it does.
+    "unknown", or None: that of the photograph's file, if it has one.
     """
 
     models: tuple[tuple[str, Path], ...]
@@ -181,7 +181,7 @@ class PoseOptions:
 
 @dataclass(frozen=True)
 class ObjectJob:
-    """The search for the pose of an object in a photograph, of which a mask may be white where the object is."""
+    """The search for the pose of an object in a photograph, perhaps with a mask, white where the object is."""
 
     listed: ListedObject
     photo: Path
@@ -250,7 +250,7 @@ def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[flo
     if pixels is not None:
         return Lens(pixels, principal_point, "exif")
     if focal == "exif":
-        raise ValueError(f"{photo}: its EXIF data has no focal length, or the photograph was cut: expected --focal")
+        raise ValueError(f"{photo}: its EXIF data has no focal length, or the photograph was cropped: expected --focal")
     if principal_point is not None:
         raise ValueError(f"{photo}: --principal-point needs a known focal length: expected --focal")
     return Lens(None, None, "assumed")
@@ -258,7 +258,7 @@ def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[flo
 
 @lru_cache(maxsize=2)
 def _meshes(models: tuple[tuple[str, Path], ...], up: str | None, front: str | None) -> Mapping[str, Mesh]:
-    """Read once by a process for all of its objects."""
+    """The meshes, read once by a process for all its objects."""
     if not models:
         return sample_chairs()
     return {name: load_mesh(local_path(path), up=up, front=front) for name, path in models}

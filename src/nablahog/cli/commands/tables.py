@@ -26,6 +26,7 @@ from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
+from ...runtime.text import counted
 from ..arguments.tables import HARDER, SCENES
 from ..errors import UserError, as_user_error
 from ..terminal import counter, print_table, say, say_ignored, say_page
@@ -54,7 +55,7 @@ def table1(arguments: Namespace) -> None:
             )
         if not any(table.seconds.values()):
             first = table.failures[0]
-            raise UserError(f"there is no result for any image; the first: {first.image}: {first.reason}")
+            raise UserError(f"no image has a result; the first: {first.image}: {first.reason}")
         write_table1(folder, table)
         write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
     print_table(table1_page.terminal_rows(table))
@@ -87,7 +88,7 @@ def table2(arguments: Namespace) -> None:
             )
         if not any(table.seconds.values()):
             first = next(failure for failure in table.failures if failure.method is not None)
-            raise UserError(f"there is no pose of any object; the first: {first.image}: {first.reason}")
+            raise UserError(f"no object has a pose; the first: {first.image}: {first.reason}")
         write_table2(folder, table)
         write_text(folder / "index.html", table2_page.page(table, settings))
     say(table.examples.origin)
@@ -132,20 +133,21 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
     """The images for the table, and a sentence that says where they are from."""
     if arguments.images is None:
         photographs = sample_photographs(size=arguments.size, limit=arguments.limit)
-        return photographs, f"{len(photographs.images)} photographs that come with scikit-image, their middle squares."
+        number = counted(len(photographs.images), "photograph")
+        return photographs, f"{number} of scikit-image, cut to the middle square."
     folder = Path(arguments.images)
     with as_user_error():
         photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
-    number = len(photographs.images) + len(photographs.failed)
-    return photographs, f"{number} images of the folder {folder.resolve().name}."
+    number = counted(len(photographs.images) + len(photographs.failed), "image")
+    return photographs, f"{number} of the folder {folder.resolve().name}."
 
 
 def objects(arguments: Namespace) -> Objects:
     """The objects of the table, those of the second table by condition, and why models are passed over, by name."""
     if arguments.pascal3d is not None and arguments.annotations is not None:
-        raise ValueError("--pascal3d and annotated photographs are two sets of objects; one at a time")
+        raise ValueError("expected --pascal3d or annotated photographs, got both")
     if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
-        raise ValueError("--viewpoints is for scenes that are rendered; photographs have theirs")
+        raise ValueError("--viewpoints is for rendered scenes; photographs have their own viewpoints")
     if arguments.pascal3d is not None:
         return _published(arguments)
     return _scenes(arguments) if arguments.annotations is None else _annotated(arguments)
@@ -179,7 +181,7 @@ def _annotated(arguments: Namespace) -> Objects:
     made = partial(
         photographed,
         models=models,
-        origin=f"{len(read)} objects of the photographs of the folder {folder.name}.",
+        origin=f"{counted(len(read), 'object')} in photographs of the folder {folder.name}.",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
@@ -188,7 +190,7 @@ def _annotated(arguments: Namespace) -> Objects:
         names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
     for name in names:
         if not CONDITIONS[name].of_photographs:
-            raise ValueError(f"the condition {name} is of scenes that are rendered, which photographs are not")
+            raise ValueError(f"the condition {name} is for rendered scenes only, not for photographs")
     return made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over
 
 
@@ -199,18 +201,18 @@ def _scenes(arguments: Namespace) -> Objects:
         views = "seen as people photograph chairs"
     else:
         viewpoints = read_viewpoints(arguments.viewpoints)
-        views = f"seen from the {len(viewpoints)} viewpoints of {Path(arguments.viewpoints).name}"
-    kind = (
-        "procedural chairs"
+        views = f"seen from {counted(len(viewpoints), 'viewpoint')} of {Path(arguments.viewpoints).name}"
+    of = (
+        counted(len(models), "procedural chair")
         if arguments.models is None
-        else f"models of the folder {Path(arguments.models).resolve().name}"
+        else f"{counted(len(models), 'model')} of the folder {Path(arguments.models).resolve().name}"
     )
     made: Callable[..., Examples] = partial(
         rendered,
         models=models,
         viewpoints=viewpoints,
         photographs=[sample_photograph(name) for name in SAMPLE_NAMES],
-        origin=f"{len(models)} {kind}, {views}, in front of photographs that come with scikit-image",
+        origin=f"{of}, {views}, in front of photographs that come with scikit-image",
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )

@@ -19,10 +19,10 @@ from ..arguments.presets import PRESETS, SpecOptions, as_text, window_of
 Size: TypeAlias = tuple[int, int]
 
 SIZES = ((64, 64), (128, 64), (128, 128), (32, 32), (96, 96), (28, 28), (96, 48), (256, 256))
-"""(height, width) of images that are tried for an array in one row, which does not say it."""
+"""(height, width) of images to try for an array in one row, which does not tell the size."""
 BLOCKS = ("2x2", "1x1")  # cells of scikit-image's blocks, beside the default
 LARGEST = 2**12  # cells of a descriptor whose normalisation is compared with that of each dialect that fits
-CLEARLY = 2.0  # times as near as the next dialect: then it is the descriptor's
+CLEARLY = 2.0  # a dialect this many times as near as the next one is the descriptor's
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ArrayOptions:
         for option, value in (("--image-size", self.image_size), ("--key", self.key)):
             if value is not None:
                 raise ValueError(
-                    f"{option} goes with arrays of other libraries, and no input is one (.npy, .npz, .mat)"
+                    f"{option} goes with arrays of other libraries, but no input is one (.npy, .npz, .mat)"
                 )
 
     def read(self, path: str, options: SpecOptions) -> StoredDescriptor:
@@ -50,14 +50,14 @@ class ArrayOptions:
         array = read_array(path, self.key)
         with naming(path):
             if options.preset is None:
-                raise ValueError(f"an array does not say of which library it is{self._which(array)}")
+                raise ValueError(f"an array does not say which library it is from{self._which(array)}")
             return stored(array, *self.fitting(array.shape, options))
 
     def fitting(self, shape: tuple[int, ...], options: SpecOptions) -> tuple[HOGSpec, Fit]:
         """How an array of this shape is a descriptor of the preset in ``options``."""
         if options.preset is None:
             raise ValueError(
-                f"an array does not say of which library it is: expected --preset NAME{self._suggested(shape)}"
+                f"an array does not say which library it is from: expected --preset NAME{self._suggested(shape)}"
             )
         parameters, spec = options.parameters(), options.spec()
         window = window_of(options.name, parameters)
@@ -66,7 +66,7 @@ class ArrayOptions:
                 f"--image-size {as_text(self.image_size)} (height x width) and --set "
                 f"win_size={as_text(parameters['win_size'])} (width x height) contradict each other"
             )
-        for size in (self.image_size,) if self.image_size else (None, window):  # rows and columns say more
+        for size in (self.image_size,) if self.image_size else (None, window):  # rows and columns tell more
             how = fit(shape, spec, size)
             if how is not None:
                 return spec, how
@@ -105,8 +105,8 @@ class FittingPreset:
 
     Attributes:
         dialect: the options.
-        image_size: (height, width), where it must be said, too.
-        how: the array is a descriptor of it.
+        image_size: (height, width), if the command must be told.
+        how: the layout in which the array is its descriptor.
     """
 
     dialect: SpecOptions
@@ -115,7 +115,7 @@ class FittingPreset:
 
     @property
     def options(self) -> str:
-        """As on the command line."""
+        """The options as on the command line."""
         settings = "".join(f" --set {key}={value}" for key, value in self.dialect.settings)
         size = f" --image-size {as_text(self.image_size)}" if self.image_size else ""
         return f"--preset {self.dialect.name}{settings}{size}"
@@ -139,10 +139,10 @@ def likeliest(array: NDArray[np.floating], image_size: Size | None) -> list[tupl
 
 
 def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[FittingPreset]:
-    """All presets that have an array of this shape, of an image of this size, or where it says none of :data:`SIZES`.
+    """All presets of which an array of this shape is a descriptor, for an image of this size or, if none, a usual one.
 
-    Parameters are the defaults, but for the cells of scikit-image's blocks and the window of OpenCV.  Those whose own
-    layout it is come first.
+    Parameters are the defaults, but for the cells of scikit-image's blocks and the window of OpenCV.  Presets with the
+    array's layout come first.
     """
     fitting: list[FittingPreset] = []
     guessed = image_size is None and is_row(shape)

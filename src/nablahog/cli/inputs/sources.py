@@ -84,7 +84,7 @@ def stdin_as_file() -> Iterator[str]:
     """The name of a temporary file that holds all of stdin; errors of the block name stdin instead."""
     if sys.stdin.isatty():
         raise ValueError("-: expected a file on stdin, got a terminal")
-    with tempfile.TemporaryDirectory(prefix="nablahog-stdin-") as folder:  # Windows opens no open file again
+    with tempfile.TemporaryDirectory(prefix="nablahog-stdin-") as folder:  # Windows does not open a file twice
         file = Path(folder, "stdin")
         size = file.write_bytes(sys.stdin.buffer.read(MAX_BYTES + 1))
         if not size or size > MAX_BYTES:
@@ -134,7 +134,7 @@ class Source:
 class Inputs:
     """The inputs of a command: files, or :data:`STDIN`, and what is read; rows of data sets are read when needed.
 
-    ``many``: whether results go to a folder, as of several inputs, or a folder or a pattern, even of one file.
+    ``many``: whether results go to a folder: those of several inputs, of a folder, or of a pattern, even for one file.
     """
 
     paths: list[str]
@@ -198,7 +198,7 @@ def read_inputs(
 
     sources = read_each(expanded, read)
     if reader.shrunk:
-        which = "the photograph is" if len(expanded.paths) == 1 else f"{reader.shrunk} of the photographs were"
+        which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
         inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
         with as_user_error():
@@ -264,7 +264,7 @@ def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
     descriptor = of_file.descriptor.float()
     if not torch.isfinite(descriptor).all():
         raise ValueError(
-            f"{path}: the descriptor must fit float32, its largest magnitude is {of_file.descriptor.abs().max():g}"
+            f"{path}: the descriptor must fit float32, got the largest magnitude {of_file.descriptor.abs().max():g}"
         )
     return Source(path, stem, descriptor, of_file.spec, of_file.image_size, None)
 

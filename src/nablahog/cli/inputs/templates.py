@@ -64,7 +64,7 @@ def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOpt
     if not is_raw(path):
         raise ValueError(
             f"{path}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml, .json), "
-            "or an array of weights (.npy, .npz, .mat); of a dlib detector, save its weights as one"
+            "or an array of weights (.npy, .npz, .mat); save the weights of a dlib detector as one"
         )
     if is_dpm_file(path):
         model = load_dpm(path)

@@ -42,7 +42,7 @@ BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each bat
 
 @dataclass
 class PriorOptions:
-    """Which prior descriptors are inverted with: that of the file of ``--prior``, or those of the package."""
+    """The prior for inversions: that of the file of ``--prior``, or those of the package."""
 
     learned: LearnedPrior | None
     default: bool
@@ -103,8 +103,8 @@ class Inversion:
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
-        polarity: the learned prior's probability that the pre-image is not a negative, 0.5 of templates; None of signed
-            descriptors, and without a prior.
+        polarity: the learned prior's probability that the pre-image is not a negative, 0.5 for templates; None for
+            signed descriptors, and without a prior.
         samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
@@ -189,7 +189,6 @@ class Inversion:
 
     @property
     def panel(self) -> Panel:
-        """The pre-image."""
         return Panel(self.preimage, "pre-image", f"The image found from the HOG of {self.source.name} alone")
 
     @cached_property
@@ -239,7 +238,7 @@ def invert_batch(
     prior: PriorChoice = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
-    """The inversions of sources of one spec and image size, searched together; of templates, only one at a time.
+    """The inversions of sources of one spec and image size, searched together; templates only one at a time.
 
     ``progress`` is called with the number of evaluations done and the most there can be.
     """

@@ -26,7 +26,7 @@ POLARITY = (
     "Probability, by the learned prior, that the pre-image is not a negative; 0.5 for templates, which leave it open. "
     "There is none without a prior, or for descriptors that tell bright from dark."
 )
-SAMPLES = "Agreement of the samples, the mean magnitude of the correlations of two of them"
+SAMPLES = "Agreement of the samples, the mean magnitude of their pairwise correlations"
 SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
 
 

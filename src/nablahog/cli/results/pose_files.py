@@ -183,12 +183,12 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
             name = f"{one.listed.image}, {one.listed.id}"
             panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
     failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if not one.figures]
-    first = "" if len(objects) <= SHOWN else f" Of the first {SHOWN}."
+    first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
         html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
     refused = sum(one.refused for one in objects)
-    lead = f"{LEAD} {refused} of {len(objects)} have a confidence below {least_confidence:g}."
+    lead = f"{LEAD} With a confidence below {least_confidence:g}: {refused} of {len(objects)}."
     definitions = {name: text for name, text in DEFINITIONS.items() if name in rows(objects[:1])[0]}
     return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))

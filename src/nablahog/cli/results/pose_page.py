@@ -27,12 +27,12 @@ from ...viz.similarity_plot import boxed, by_azimuth
 from .pose_files import DEFINITIONS
 
 HEIGHT = 320  # of the pictures of the overlay
-WIDEST = 1280  # a photograph there
+WIDEST = 1280  # width of a photograph there
 VIEWS = 8  # below the figure
 AZIMUTHS = 180  # at which similarity is computed
 SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
 STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
-_CLOSE = 0.6  # of the close-up's side, the longer side of the box
+_CLOSE = 0.6  # share of the close-up's side for the longer side of the box
 _FIGURES = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "renderings")
 
 LEAD = (
@@ -140,7 +140,7 @@ def _scaled(pose: Tensor, zoom: float) -> Tensor:
 
 
 def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> html.Section:
-    """The paper's figure: similarities and their derivatives at the other parameters of the estimate."""
+    """The paper's figure: similarities and their derivatives by azimuth, all else as estimated."""
     start = estimate.crop_pose.clone()
     start[0] = 0
     poses, template = azimuth_sweep(start, AZIMUTHS), matched.template(estimate.similarity_kind)

@@ -1,4 +1,4 @@
-"""Checks of OpenCV's arguments, which takes what its bindings for Python take: other types raise TypeError.
+"""Checks of arguments: types that OpenCV's bindings for Python do not take raise TypeError.
 
 Numbers are Python's or NumPy's scalars, never arrays of one entry; a truth value is not a number.  None is the default.
 """
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Size: TypeAlias = tuple[int, int]  # (width, height), as everywhere in OpenCV
 Locations: TypeAlias = Sequence[Sequence[int]] | NDArray[np.integer]
 
-# of OpenCV's arrays; the last two are read only
+# entries of OpenCV's arrays; of the last two, it writes none
 _DEPTHS = ["uint8", "int8", "uint16", "int16", "int32", "float16", "float32", "float64", "int64", "uint64"]
 
 
@@ -56,11 +56,11 @@ def pair(name: str, value: Any) -> Size:
 
 
 def text(name: str, value: Any) -> str:
-    """A text; bytes are decoded as names of files are."""
+    """A string; bytes are decoded as names of files are."""
     try:
         return os.fsdecode(value)
     except TypeError:
-        raise TypeError(f"{name} must be a text, got {value!r}") from None
+        raise TypeError(f"{name} must be a string, got {value!r}") from None
 
 
 def stride(value: Any, default: Size) -> Size:
@@ -73,7 +73,7 @@ def stride(value: Any, default: Size) -> Size:
 
 
 def margins(name: str, value: Any) -> tuple[Size, int, int]:
-    """A padding of either axis, of which negative numbers are 0; and what these leave out."""
+    """Padding (x, y), at least 0, and how many pixels negative numbers leave out along x and along y."""
     across, down = (0, 0) if value is None else pair(name, value)
     return (max(across, 0), max(down, 0)), max(-across, 0), max(-down, 0)
 
@@ -84,10 +84,10 @@ def is_umat(value: Any) -> bool:
 
 
 def array(name: str, value: Any) -> NDArray[Any]:
-    """An array, ``cv2.UMat`` or tuple as OpenCV has it: (rows, cols, channels), or of more dimensions, as they are."""
+    """An array, ``cv2.UMat`` or tuple as OpenCV has it: (rows, cols, channels), or more dimensions unchanged."""
     if is_umat(value):
         if value.isSubmatrix():  # OpenCV also uses the pixels around it, which cannot be read
-            raise ValueError(f"{name} must be a whole UMat, got a part of another; its get() is an array of the part")
+            raise ValueError(f"{name} must be a whole UMat, got a part of another: pass its get()")
         pixels = value.get()
         value = () if pixels is None else pixels
     if not isinstance(value, np.ndarray | tuple):
@@ -107,12 +107,12 @@ def image(img: Any) -> NDArray[np.uint8]:
         raise TypeError(f"img must be an array of uint8, got {pixels.dtype}")
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not pixels.size:
         shape = getattr(img, "shape", pixels.shape)
-        raise ValueError(f"img must have the shape (rows, cols), or 1 or 3 channels behind, got {shape}")
+        raise ValueError(f"img must have the shape (rows, cols) or (rows, cols, 1 or 3 channels), got {shape}")
     return np.ascontiguousarray(pixels)
 
 
 def output(name: str, value: Any, result: Any) -> Any:
-    """The result, in the array or ``cv2.UMat`` that is to hold it if that is of its kind, shape and dtype."""
+    """The result, written to ``value`` if that is an array or ``cv2.UMat`` of the same kind, shape and dtype."""
     if is_umat(value):
         return importlib.import_module("cv2").copyTo(result, None, value)
     if not isinstance(value, np.ndarray):

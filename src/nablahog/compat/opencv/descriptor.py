@@ -148,7 +148,7 @@ class HOGDescriptor(Parameters):
     def _arguments(
         self, img: Any, step: Any, padding: Any, name: str, places: Locations | None
     ) -> tuple[NDArray[np.uint8], Size, Size, NDArray[np.int64] | None, Size, Size]:
-        """Those of :func:`placed`."""
+        """The arguments of :func:`placed`."""
         around, corners = arguments.margins("padding", padding)[0], arguments.locations(name, places)
         step = arguments.stride(step, self.cellSize)
         return arguments.image(img), step, around, corners, self.winSize, self.blockStride

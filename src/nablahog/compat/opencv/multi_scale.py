@@ -1,4 +1,4 @@
-"""Detection at several scales: smaller images, and detections that overlap, made one.
+"""Detection at several scales: smaller images, and the merging of detections that overlap.
 
 Images are byte by byte those of ``cv2.resize(…, interpolation=cv2.INTER_LINEAR_EXACT)``, which interpolates in fixed
 point: weights are multiples of 1/256, and only the result is rounded.  The two groupings and the clipping are those
@@ -28,7 +28,7 @@ _KERNEL = np.array([8.0, 16.0, math.log(1.3)])  # of the mean shift: pixels at s
 
 
 def _axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The pixels to interpolate from, and the weights of those behind them in 1/256."""
+    """The pixels to interpolate from, and the weights of those after them in 1/256."""
     inverse = 1 / (resized / pixels)  # as OpenCV rounds it
     position = inverse * (np.arange(resized) + 0.5) - 0.5
     before = np.floor(position)
@@ -70,7 +70,7 @@ Weights: TypeAlias = NDArray[np.float64]
 
 
 def _classes(rectangles: Rectangles) -> NDArray[np.int64]:
-    """The class of each: similar rectangles, and what is similar to these; numbered by their first members."""
+    """The class of each rectangle: similar ones, and those similar to these; numbered by their first members."""
     x, y, width, height = rectangles.T.astype(np.float64)
     edges = np.stack([x, y, x + width, y + height])
     labels = np.full(len(rectangles), -1)
@@ -108,7 +108,7 @@ def group_rectangles(rectangles: Rectangles, weights: Weights, threshold: int) -
 
 
 def _inside_another(k: int, means: Rectangles, members: NDArray[np.int64], many: NDArray[np.bool_]) -> bool:
-    """Whether a class is in one of more members, up to a fifth of its sides; all of at least ``threshold``."""
+    """Whether a class lies in another of ``many`` with more members, or in any if it has under 3, up to a fifth."""
     margin = np.rint(means[:, 2:] * _EPSILON).astype(np.int64)
     corner, opposite = means[:, :2], means[:, :2] + means[:, 2:]
     within = (corner[k] >= corner - margin).all(axis=1) & (opposite[k] <= opposite + margin).all(axis=1)
@@ -174,19 +174,19 @@ def _climb(
 
 
 def _distance(point: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """Squared, in kernels at the other's scale."""
+    """Squared distance, in widths of kernels at the other's scale."""
     return float(np.square((other - point) / _kernels(other[2])).sum())
 
 
 def _box(mode: NDArray[np.float64], window: Size) -> tuple[int, int, int, int]:
-    """The rectangle of a mode; towards zero, as OpenCV rounds it."""
+    """The rectangle of a mode, rounded towards zero, as OpenCV does."""
     scale = math.exp(mode[2])
     width, height = int(window[0] * scale), int(window[1] * scale)
     return int(mode[0] - width // 2), int(mode[1] - height // 2), width, height
 
 
 def clip(rectangles: Rectangles, weights: Weights, size: Size) -> tuple[Rectangles, Weights]:
-    """Cut off at the border of an image of (width, height); what is outside of it is left out."""
+    """Rectangles cut off at the border of an image of (width, height), without those outside it."""
     corner = np.maximum(rectangles[:, :2], 0)
     sides = np.minimum(rectangles[:, :2] + rectangles[:, 2:], size) - corner
     kept = (sides > 0).all(axis=1)

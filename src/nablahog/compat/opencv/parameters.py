@@ -66,7 +66,7 @@ class Parameters:
         if any(value is None or value is ... for value in sizes):
             raise TypeError(
                 "HOGDescriptor takes no argument, the name of a file, or at least the first five, none of them None: "
-                f"got {sizes} of _winSize, _blockSize, _blockStride, _cellSize and _nbins"
+                f"got {sizes} for _winSize, _blockSize, _blockStride, _cellSize and _nbins"
             )
         window, block, stride, cell = map(arguments.pair, _PAIRS, sizes)
         bins, sigma = arguments.integer("nbins", sizes[4]), arguments.number("winSigma", _winSigma, -1)
@@ -76,7 +76,7 @@ class Parameters:
         )
         gamma = arguments.flag("gammaCorrection", _gammaCorrection)
         signed = arguments.flag("signedGradient", _signedGradient)
-        if not 3 <= bins <= 128:  # OpenCV's bins are of 8 bits with a sign
+        if not 3 <= bins <= 128:  # OpenCV's bins are signed integers of 8 bits
             raise ValueError(f"nbins must be 3 to 128, got {bins}")
         if not clip > 0:
             raise ValueError(f"L2HysThreshold must be above 0, got {clip}")
@@ -101,7 +101,7 @@ class Parameters:
                 stride,
                 cell,
                 bins,
-                win_sigma=min(max(sigma, 1e-12), 1e12) if sigma > 0 else -1,  # beyond, weights do not change
+                win_sigma=min(max(sigma, 1e-12), 1e12) if sigma > 0 else -1,  # beyond these, weights do not change
                 l2hys_threshold=min(max(clip, 1e-12), 1e12),
                 gamma=gamma,
                 signed=signed,
@@ -140,11 +140,11 @@ class Parameters:
         size, shape = self.getDescriptorSize(), values.shape
         if len(shape) != 3 or shape[2] != 1 or min(shape[:2]) > 1 or values.size not in (0, size, size + 1):
             raise ValueError(
-                f"svmdetector must be the {size} coefficients of a descriptor in one line, and one more for a bias, "
+                f"svmdetector must be the {size} coefficients of a descriptor in a row or column, perhaps with a bias, "
                 f"got an array of the shape {np.shape(svmdetector)}"
             )
-        with np.errstate(over="ignore"):  # to infinity, as OpenCV's
-            self.__dict__["_detector"] = np.array(values, np.float32).reshape(-1)  # what it was made of may change
+        with np.errstate(over="ignore"):  # to infinity, as in OpenCV
+            self.__dict__["_detector"] = np.array(values, np.float32).reshape(-1)  # a copy: the argument may change
 
     def checkDetectorSize(self) -> bool:
         """Whether the detector is of the descriptor's length, or one more, or there is none."""

@@ -48,7 +48,7 @@ def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -
     form, name = _FORMATS.get(Path(stem).suffix.lower(), _yaml), name or default_name(stem)
     if not re.fullmatch("[A-Za-z_][A-Za-z0-9_-]*" if form is _xml else "[A-Za-z_][A-Za-z0-9_ -]*", name):
         raise ValueError(
-            f"objname must be letters and digits of ASCII, - and _, first a letter, got {one_line(name)!r}"
+            f"objname must be ASCII letters, digits, - and _, the first a letter or _, got {one_line(name)!r}"
         )
     text = form(name, node)
     packed = text.encode() if stem == Path(path).name else gzip.compress(text.encode(), mtime=0)
@@ -102,7 +102,7 @@ def _values(node: Node, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
 def _words(text: str) -> list[str]:
     """The numbers of a text, as Python writes them."""
     if not text.isascii() or "_" in text:
-        raise ValueError  # Python's numbers have more digits than a file's
+        raise ValueError  # which Python allows in numbers
     return text.lower().replace(".nan", "nan").replace(".inf", "inf").strip("[] \n").replace(",", " ").split()
 
 
@@ -210,7 +210,7 @@ def people_detector(name: str, size: int) -> NDArray[np.float32]:
         theirs = importlib.import_module("cv2").HOGDescriptor
     except (ImportError, AttributeError):
         raise RuntimeError(
-            f"{function} needs OpenCV's own coefficients: install opencv-contrib-python, of OpenCV 5, too, or "
-            f"opencv-python<5, or name by {FOLDER} a folder with {path.name}, which a descriptor with it has saved"
+            f"{function} needs OpenCV's own coefficients: install opencv-contrib-python (also of OpenCV 5) or "
+            f"opencv-python<5, or set {FOLDER} to a folder with {path.name}, saved by a descriptor with this detector"
         ) from None
     return np.array(getattr(theirs, function)(), np.float32).reshape(-1)

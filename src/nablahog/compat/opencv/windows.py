@@ -133,7 +133,7 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
 
 
 def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """Votes of all pixels and the bins that the first go to; the second go to those after them.  All (rows, cols)."""
+    """Both votes of all pixels and the bins of the first; those of the second are the next ones.  All (rows, cols)."""
     gx, gy = _gradients(padded, spec)
     position = opencv_angle(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
     before, magnitude = np.floor(position), np.sqrt(gx * gx + gy * gy)
@@ -142,7 +142,7 @@ def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], ND
 
 
 def _plain_descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
-    """:func:`descriptors`: the blocks of the image from some pixel on serve all windows whole strides from there."""
+    """:func:`descriptors` in PyTorch: blocks from one pixel on serve all windows that are whole strides from it."""
     spec, rows, cols = scheme.spec, scheme.rows, scheme.cols
     assert isinstance(spec.pooling, BlockCells)
     near, far, bins = (torch.from_numpy(each)[None, None] for each in _plain_votes(padded, spec))
@@ -184,7 +184,7 @@ def placed(
     around = tuple((p + g - 1) & -g for p, g in zip(padding, map(math.gcd, step, block_stride), strict=True))
     padded = Padded(image, (around[0], around[1]), (around[0], around[1]))
     if max(padded.size) >= 2**31:
-        raise ValueError(f"an image with its padding must have less than 2**31 rows and columns, got {padded.size}")
+        raise ValueError(f"an image with its padding must have fewer than 2**31 rows and columns, got {padded.size}")
     if places is not None:
         return padded, places + around
     if padded.size[0] < window[0] or padded.size[1] < window[1]:
@@ -210,7 +210,7 @@ def descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> N
 def scores(
     padded: Padded, corners: NDArray[np.int64], scheme: Scheme, coefficients: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Dot products (windows,) of descriptors with a linear detector; its bias, if it has one, is behind."""
+    """Dot products (windows,) of descriptors with a linear detector; its bias, if it has one, comes last."""
     weights, bias = coefficients[: scheme.size], float(coefficients[scheme.size :].sum())
     products = np.empty(len(corners), np.float32)
     if native.available():

@@ -33,6 +33,7 @@ from torch.nn.functional import fold
 from ...invert.provenance import Learning, check_images, digest_of_images
 from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
+from ...runtime.text import counted
 from .bovw_arrangement import Costs, arrange
 from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
 
@@ -95,17 +96,17 @@ class BoVW(LearnedModel):
         check_tensor("database", self.database, torch.int16, (count, *grid), 0, words - 1)
         check_patch(size, self.cell)
         if len(torch.unique(self.database)) < words:
-            raise ValueError("each word of the vocabulary must be somewhere in the database")
+            raise ValueError("each word of the vocabulary must occur in the database")
 
     @property
     def summary(self) -> str:
-        return f"{len(self.vocabulary)} words, {len(self.learning.images)} images"
+        return f"{len(self.vocabulary)} words, {counted(len(self.learning.images), 'image')}"
 
     def words(self, image: Tensor) -> Tensor:
         """The nearest word of each window: images (B, 1, H, W) in 0…1 to (B, rows, cols).
 
         Raises:
-            ValueError: they have another size than those that were learned from.
+            ValueError: the images have another size than those that the words were learned from.
         """
         if image.shape[1:] != (1, *self.image_size):
             expected, got = ("x".join(map(str, size)) for size in (self.image_size, image.shape[2:]))
@@ -176,7 +177,7 @@ class BoVW(LearnedModel):
 def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
     """Rows and columns of the words of an image; ValueError if there are fewer than two words in all."""
     if cell < 1:
-        raise ValueError(f"a cell must have at least 1 pixel, got {cell}")
+        raise ValueError(f"a cell must be at least 1 pixel wide, got {cell}")
     rows, cols = sift_grid(*image_size, cell)
     if rows * cols < 2:
         raise ValueError(
@@ -267,7 +268,7 @@ def learn_bovw(
 
 
 def _kmeans(windows: NDArray[np.float32], words: int, progress: Callable[[int], None]) -> NDArray[np.float32]:
-    """The means (words, n) of k-means on windows (N, n), which begins with the first of them."""
+    """The means (words, n) of k-means on windows (N, n), which starts from the first windows."""
     means = windows[:words]
     for done in range(ROUNDS):
         progress(done)

@@ -69,7 +69,7 @@ class Costs:
         return cost
 
     def _normalized(self, histograms: Array) -> Array:
-        """Weighted roots of histograms (…, K), of length 1, or 0 if all images have all their words."""
+        """Weighted square roots of histograms (…, K), of length 1, or 0 if all images have all their words."""
         weighted = np.sqrt(histograms) * self._rarity
         length = np.linalg.norm(weighted, axis=-1, keepdims=True)
         features: Array = weighted / np.where(length > 0, length, 1)
@@ -131,7 +131,7 @@ class _Grid:
 
     def __init__(self, placed: Words, stride: int, at: Array, right: Array, below: Array) -> None:
         self._placed, self._stride, self._at, self._right, self._below = placed, stride, at, right, below
-        # if two neighbours are swapped, the costs above are those beside the other's old word; this corrects them
+        # if two neighbours are swapped, the cost of each assumes the other's old word beside it; this corrects it
         self._corrections = {
             apart: pair + pair.T - np.diag(pair) - np.diag(pair)[:, np.newaxis]
             for apart, pair in ((1, right), (stride, below))
@@ -140,7 +140,7 @@ class _Grid:
         self._update(np.arange(len(placed)))
 
     def sweep(self, cells: Words) -> float:
-        """Swaps each pair of inner places, in their order, if that lowers the cost; returns its change, or 0."""
+        """Swaps each pair of inner places, in their order, if that lowers the cost; returns the total change."""
         total = 0.0
         for i, p in enumerate(cells):
             others = cells[i + 1 :]
@@ -167,7 +167,7 @@ class _Grid:
         return changes
 
     def _update(self, places: Words) -> None:
-        """Computes the costs of all words at some places anew, those of the border excepted."""
+        """Recomputes the costs of all words at some places, except for those of the border."""
         p = places[self._placed[places] < len(self._right) - 1]
         beside = self._right[self._placed[p - 1]] + self._right.T[self._placed[p + 1]]
         above_and_under = self._below[self._placed[p - self._stride]] + self._below.T[self._placed[p + self._stride]]

@@ -18,8 +18,7 @@ from torch.nn import functional as F
 
 from ...invert.reconstruction import Reconstruction
 
-LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)
-"""Learning rates, in this order."""
+LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)  # in this order
 ITERATIONS = 200  # at each rate
 MOMENTUM = 0.9
 NORM_POWER = 6  # α of the prior Σxᵅ
@@ -31,7 +30,7 @@ NOISE = 27098.1 / math.sqrt(227 * 227 * 3)
 Their noise has the norm 27098.1 for any image.  Here that is the norm for 227x227 pixels and three channels, the inputs
 of their networks, and grows with the size: for 128x128 pixels their schedule would diverge from 212 gray levels."""
 
-_MIDDLE = 128.0  # what is subtracted from gray levels
+_MIDDLE = 128.0  # subtracted from gray levels
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class CNNHOG:
     """The network, of cells of an even number of pixels and n undirected orientations, and its inversion.
 
     ``bilinear`` says whether a gradient votes for the two nearest orientations by its angle to them (CNN-HOGb), or for
-    the nearest one, and the derivative is that of its magnitude alone (CNN-HOG).
+    the nearest one, with the derivative of its magnitude alone (CNN-HOG).
     """
 
     cell_size: int = 8
@@ -53,7 +52,7 @@ class CNNHOG:
         right), then undirected ones.  Differentiable by the network's own derivative.
 
         Raises:
-            ValueError: the image has other sides than whole cells, at least two each way.
+            ValueError: the sides of the image are not whole cells, at least two each way.
         """
         (height, width), cell = image.shape[2:], self.cell_size
         if height % cell or width % cell or min(height, width) < 2 * cell:
@@ -69,14 +68,14 @@ class CNNHOG:
         initial noise is the same for every image of the batch.
 
         Raises:
-            ValueError: the descriptor is nothing but zeros.
+            ValueError: the descriptor is zero.
         """
         began = time.perf_counter()
         height, width = (side * self.cell_size for side in descriptor.shape[1:3])
         target = descriptor.detach().permute(0, 3, 1, 2)
         scale = target.flatten(1).norm(dim=1)
         if not (scale > 0).all():
-            raise ValueError("the descriptor must not be zero: that of a constant image says nothing")
+            raise ValueError("the descriptor must not be zero, as that of a constant image is")
         generator = torch.Generator().manual_seed(seed)
         noise = torch.randn((1, 1, height, width), generator=generator, dtype=torch.float64)
         norm = NOISE * math.sqrt(height * width)

@@ -1,11 +1,11 @@
 """Dense SIFT: Lowe's descriptor, upright and of one scale, at every point of a grid.
 
 A window of 4x4 cells has in each cell a histogram of 8 signed orientations, bilinear in place and linear in angle,
-computed by this package's operator.  Each cell is weighed by a Gaussian at its centre, as in VLFeat's ``dsift`` with
+computed by this package's operator.  Each cell is weighted by a Gaussian at its centre, as in VLFeat's ``dsift`` with
 its flat window.  The 128 numbers are normalised to length 1, clipped at 0.2 and normalised again (D. Lowe,
 *Distinctive Image Features from Scale-Invariant Keypoints*, IJCV 2004).
 
-No :class:`.HOGSpec` describes it: no normaliser weighs the cells of a block by a Gaussian, or gives 0 for a window of
+No :class:`.HOGSpec` describes it: no normaliser weights the cells of a block by a Gaussian, or gives 0 for a window of
 too little contrast.
 """
 
@@ -22,7 +22,7 @@ from ...hog.spec import HOGSpec
 CELLS = 4  # of a window's side
 ORIENTATIONS = 8
 LENGTH = CELLS * CELLS * ORIENTATIONS
-SIGMA = 2.0  # cells: of the Gaussian that weighs them
+SIGMA = 2.0  # cells: of the Gaussian that weights them
 CLIP = 0.2
 LEAST_CONTRAST = 0.0125  # length of a window's weighted votes per pixel of a cell's side; with less, it is flat
 

@@ -28,7 +28,7 @@ FILL = 150.0  # pixels of the longer side of the object's box: no less than in r
 SIDE = 200  # of the square that is searched: half an element around the box
 AT_ONCE = 4096  # elements that are scored together: 32 MiB of scores for an image of 2000 places
 MARGIN = 10.0  # pixels by which the middle of an element may lie outside the box
-NOTHING = -1e9  # what an element scores where it cannot be
+NOTHING = -1e9  # the score of an element where it cannot lie
 UNLIKE = 1e6  # penalty of a detection whose box is not the object's: it wins only where there is no other
 ROOTS = 10_000  # roots that are looked up together
 AROUND = [(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)]  # of a cell, itself in the middle
@@ -57,8 +57,8 @@ def detect(
     """The most confident detection of any view of any model, by name, in a photograph (C, H, W) with an object's box.
 
     Detections whose box has less than ``agreement``, an intersection over union, with this one come after all others.
-    Aubry et al. know no box, which is 0; with PASCAL's criterion for a right detection, 0.5, their method is the
-    stronger.
+    Aubry et al. know no box, which is an agreement of 0; with PASCAL's criterion for a right detection, 0.5, their
+    method is stronger.
 
     Raises:
         ValueError: the photograph or the box is unusable, or no element of any view scores above 0.
@@ -153,7 +153,7 @@ class Layout(NamedTuple):
 
 
 class Roots(NamedTuple):
-    """Elements that score highest at a place, each (R,)."""
+    """Elements and the places of their highest scores, each (R,)."""
 
     element: Integers
     level: Integers

@@ -29,9 +29,9 @@ from ...runtime.cache import code_key
 
 CELL = 5  # pixels of a cell
 SPEC = aubry(CELL)
-LEVELS = 3  # of a pyramid, an octave
+LEVELS = 3  # of a pyramid, per octave
 SIDE = 200  # pixels of a rendering: a model of diagonal 1, and half an element around it
-FOCAL = 150 / math.tan(math.radians(54.611 / 2))  # pixels; they render 600 pixels at 54.611° and begin at half of it
+FOCAL = 150 / math.tan(math.radians(54.611 / 2))  # pixels; the authors render 600 at 54.611° and begin at half the size
 LIGHT = Light(ambient=0.2, diffuse=0.8)
 FALSE_POSITIVES = 3.15
 """The score that one of 10,000 patches of photographs reaches, in standard deviations √(wᵀΣw) of the model.
@@ -43,10 +43,10 @@ normally distributed with the variance of photographs, it would be 2.6; with tha
 
 @dataclass(frozen=True)
 class ViewSampling:
-    """From where models are rendered, in degrees and diagonals, and which elements of each rendering are used.
+    """The views from which models are rendered, in degrees and diagonals, and the elements that are used of each.
 
-    Their azimuths are the integers of linspace(0, 360, 32), 31 directions.  The size of an element, rows and columns in
-    cells of 5 pixels, is not published with their code.  ``overlap`` and ``threshold`` are those of
+    Aubry et al.'s azimuths are the integer parts of linspace(0, 360, 32), 31 directions.  The size of an element, rows
+    and columns in cells of 5 pixels, is not published with their code.  ``overlap`` and ``threshold`` are those of
     :func:`nablahog.pose.elements`.
     """
 
@@ -77,7 +77,7 @@ class ExemplarViews(LearnedModel):
     Attributes:
         weights: (E, r, c, C), float32, as in :class:`~nablahog.pose.Elements`.
         scale, offset: (E,), float32, see :func:`calibration`.
-        level: (E,), int64: of the pyramid that an element is from, 0 the rendering itself.
+        level: (E,), int64: the level of the pyramid that an element is from; 0 is the rendering itself.
         positions: (E, 2), int64: row and column of its upper left cell there.
         first: (V + 1,), int64: the elements of view v are first[v] … first[v + 1] − 1.
         boxes: (V, 4), float32: x0, y0, x1, y1 of the object, in pixels of the rendering.
@@ -116,7 +116,7 @@ class ExemplarViews(LearnedModel):
         bounded = bool(((self.level >= 0) & (self.level < 64)).all()) and bool((self.positions >= 0).all())
         in_order = bool((self.first.diff() >= 0).all()) and int(self.first[0]) == 0 and int(self.first[-1]) == elements
         if len(cells) != 3 or not bounded or not in_order:
-            raise ValueError("the elements of views must be four-dimensional, in pyramids, and in order of the views")
+            raise ValueError("weights must be (E, r, c, C), level and positions from 0, first in order of the views")
 
     @property
     def summary(self) -> str:
@@ -127,8 +127,8 @@ class ExemplarViews(LearnedModel):
 def learn_views(mesh: Mesh, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> ExemplarViews:
     """Renders a normalised model from all around, white behind it, and finds the elements of each rendering.
 
-    Patches of all levels of a rendering's pyramid compete; only those centred on the object do, since others are mostly
-    empty.  The background has the statistics of other photographs, in the dialect :data:`SPEC`.
+    Patches of all levels of a rendering's pyramid compete, but only those centred on the object: the others are
+    mostly empty.  The background has the statistics of other photographs, in the dialect :data:`SPEC`.
     """
     background.check(SPEC)
     poses = sampling.poses()
@@ -152,7 +152,7 @@ def concatenate_views(models: Sequence[ExemplarViews]) -> ExemplarViews:
 
 
 def _box_of(mask: Tensor) -> Tensor:
-    """x0, y0, x1, y1 around the pixels of a mask, (4,); of none, 0."""
+    """x0, y0, x1, y1 around the pixels of a mask, (4,); 0 for an empty one."""
     pixels = mask.nonzero().flip(1)  # x, y
     return torch.cat([pixels.amin(0), pixels.amax(0) + 1]).float() if len(pixels) else torch.zeros(4)
 
@@ -202,7 +202,7 @@ def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
 
 
 class ExemplarLibrary:
-    """Views of models, each learned once, and stored in a folder; None for this process only."""
+    """Views of models, each learned once and stored in ``folder``; None: kept in this process only."""
 
     def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
         self.folder, self.background, self.sampling = folder, background, sampling
@@ -232,7 +232,7 @@ class ExemplarLibrary:
         path = self.folder / f"{key}.npz"
         try:
             return ExemplarViews.load(path)
-        except (FileNotFoundError, ValueError):  # a damaged one is made again
+        except (FileNotFoundError, ValueError):  # a damaged file is made again
             self.folder.mkdir(parents=True, exist_ok=True)
             learn_views(mesh, self.background, self.sampling).save(path)
-            return ExemplarViews.load(path)  # with the weights as rounded on disk, whoever learned them
+            return ExemplarViews.load(path)  # with the weights rounded as on disk

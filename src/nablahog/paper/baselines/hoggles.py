@@ -29,12 +29,13 @@ from ...invert.provenance import Learning
 from ...invert.reconstruction import Reconstruction, relative_distance
 from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, check_tensor
 from ...runtime.extras import extra
+from ...runtime.text import counted
 
 CELLS = 5  # of a window's side
 MARGIN = 1  # cells on each side by which a patch is larger
 PATCH = CELLS + 2 * MARGIN  # cells of a patch's side
 PADDING = 5  # empty cells around a descriptor
-SIGMA = 9 / 8  # cells: of the Gaussian that weighs the pixels of a patch
+SIGMA = 9 / 8  # cells: of the Gaussian that weights the pixels of a patch
 LARGEST = 1 + 1e-5  # entry of an atom, whose length is at most 1, up to rounding
 EPSILON = float(np.finfo(np.float64).eps)  # added to a window's energy
 ROUNDING = 1e-5  # relative to the largest pixel: less contrast counts as none
@@ -94,7 +95,7 @@ class PairedDictionary(LearnedModel):
 
     @property
     def summary(self) -> str:
-        return f"{len(self.gray)} pairs of atoms, {len(self.learning.images)} images"
+        return f"{counted(len(self.gray), 'pair')} of atoms, {counted(len(self.learning.images), 'image')}"
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if descriptors of ``spec`` are not what it was learned for."""
@@ -110,7 +111,7 @@ class PairedDictionary(LearnedModel):
         brightest 1.  An image without contrast is 0.5.  The operator is never evaluated: the history is empty, (0, B).
 
         Raises:
-            TypeError, ValueError: as there; the spec is not the model's; scikit-learn is not installed.
+            TypeError, ValueError: as ``reconstruct``; the spec is not the model's; scikit-learn is not installed.
         """
         began = time.perf_counter()
         self.check(spec)
@@ -140,7 +141,7 @@ def check_cells(spec: HOGSpec) -> None:
     """Raises ValueError unless entry (row, col) of a descriptor is that of the cell (row, col), where patches lie."""
     if any(spec.normalizer.footprint(axis) != Footprint() for axis in (0, 1)):
         raise ValueError(
-            f"windows can only be learned of descriptors with one entry for each cell: {spec.name} has blocks, or "
+            f"windows can be learned only for descriptors with one entry for each cell: {spec.name} has blocks, or "
             "leaves out the outermost cells"
         )
 
@@ -164,7 +165,7 @@ def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
     with extra("sklearn", "HOGgles"):
         from sklearn.linear_model import Lasso
     codes = vectors.new_zeros(len(vectors), len(atoms))
-    nonzero = vectors.any(1)  # the codes of other windows are 0, and some versions warn of them
+    nonzero = vectors.any(1)  # the codes of zero windows are 0, and some versions warn of these
     if nonzero.any():
         gram = (atoms @ atoms.T).numpy()
         options = {"fit_intercept": False, "copy_X": False, "precompute": gram, "positive": True, "tol": TOLERANCE}

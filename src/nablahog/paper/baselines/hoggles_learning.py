@@ -5,8 +5,8 @@ vectors is learned and then cut in two.  It is learned online, batch by batch, b
 ``MiniBatchDictionaryLearning`` (Mairal, Bach, Ponce and Sapiro, *Online Dictionary Learning for Sparse Coding*, ICML
 2009), where the published code uses SPAMS.
 
-Two more things differ from the published code: it never sees the last window of a row and of a column of an image, and
-every hundred batches it starts with the same windows again, so that it learns from 40,000 of a million.
+In two more things this differs from the published code, which never sees the last window of a row or a column of an
+image, and every hundred batches starts with the same windows again, so that it learns from 40,000 of a million.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def learn_hoggles(
             if done % REPORTED == 0:
                 objective.append(_objective(dictionary, batch, sparsity))
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a few codes of a batch need not be the best
+                warnings.simplefilter("ignore")  # a few codes of a batch need not converge
                 learner.partial_fit(batch.numpy())
             dictionary = torch.from_numpy(learner.components_)
     progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
@@ -181,8 +181,8 @@ class _Pairs:
             if not missing:
                 return torch.cat(chosen)
         raise ValueError(
-            f"expected images with at least {count} windows of {CELLS}x{CELLS} cells, got {len(self)}, "
-            f"{count - missing} of them not flat"
+            f"expected images with at least {count} windows of {CELLS}x{CELLS} cells that are not flat, got "
+            f"{count - missing} of {len(self)}"
         )
 
     def _cut(self, numbers: NDArray[np.int64]) -> Tensor:
