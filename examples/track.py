@@ -16,7 +16,7 @@ from torch import Tensor
 import nablahog
 
 WITHIN = 20.0  # degrees of azimuth that an object turns from frame to frame, at most
-SURE = 0.5  # confidence below which the object counts as lost
+SURE = 0.8  # confidence below which the object counts as lost: from there on it is looked for everywhere
 MARGIN = 0.2  # of the box's sides, that the object may move from frame to frame
 
 
