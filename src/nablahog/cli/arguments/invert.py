@@ -73,9 +73,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
         action="store_true",
         help="inputs are the weights of linear detectors, in arrays or DPM models (.mat): show what they look for",
     )
-    options.choice(
-        command, "--quality", get_args(QualityName), "best, or fast: coarser, with an eighth of the evaluations"
-    )
+    options.choice(command, "--quality", get_args(QualityName), "best, or fast: coarser, with fewer evaluations")
     method = "how to search: default, or paper, the paper's own, which is much slower"
     options.choice(command, "--method", get_args(InversionMethod), method)
     prior = "what `nablahog learn prior` wrote; none for no prior (default: the prior that comes with nablahog)"
