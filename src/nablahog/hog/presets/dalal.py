@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-from ..checks import pair
+from ..checks import check_choice, pair
 from ..normalizers import BlockForm, BlockNorm, CellNorm, GlobalForm, GlobalNorm
 from ..poolings import BlockCells, BoxCells, PartialCells
 from ..spec import Border, HOGSpec
@@ -143,6 +143,7 @@ def skimage(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 81)
     """
+    check_choice("block_norm", block_norm, BlockForm)
     return replace(
         _BASE,
         name="skimage",
