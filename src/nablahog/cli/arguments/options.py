@@ -28,7 +28,9 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         arguments, unknown = self.parse_known_args(args, namespace)
-        if unknown:
+        if "inputs" in arguments and all(each == "-" or each[:1] not in ("", "-") for each in unknown):
+            arguments.inputs += unknown  # those after an option, which argparse does not take
+        elif unknown:
             owner = getattr(arguments, "parser", self)
             owner.error(f"unrecognized arguments: {' '.join(unknown)}{owner.meant(unknown)}")
         return arguments
