@@ -101,7 +101,8 @@ def test_inputs_on_both_sides_of_the_options(tmp_path: Path, photo: str, refused
     assert main(["hog", photo, "-o", str(out), "--size", "64", photo, "-q", photo]) == 0
     assert len(list(out.iterdir())) == 3
     refused("hog", photo, "-o", str(out), "", message="unrecognized", status=2)
-    refused("hog", "https://host/a.png", "-o", str(tmp_path / "d"), message="URLs are read by")
+    for name in ("https://host/a.png", "@list.txt"):
+        refused("hog", name, "-o", str(tmp_path / "d"), message="URLs and lists are read by")
 
 
 def test_quiet(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:

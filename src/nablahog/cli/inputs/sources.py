@@ -65,8 +65,8 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
             found = (path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
             files = sorted(found, key=natural_order)
             reason = "no file matches this pattern"
-        elif "://" in name and not os.path.lexists(name):
-            files, reason = [], f"expected a file: URLs are read by `nablahog hog … -o NAME{DATASET}`"
+        elif ("://" in name or name.startswith("@")) and not os.path.lexists(name):
+            files, reason = [], f"expected a file: URLs and lists are read by `nablahog hog … -o NAME{DATASET}`"
         else:
             files, reason = [name], ""
         paths += files
