@@ -55,7 +55,8 @@ def hog(arguments: Namespace) -> int:
     suffix = Path(arguments.output).suffix.lower()
     if suffix in {*image_endings(), *OTHER_FORMATS} and arguments.output not in arguments.inputs:
         raise UserError(
-            f"descriptors are written as .npz: expected -o FILE.npz, a folder or NAME{DATASET}, got {arguments.output}"
+            f"descriptors are written as .npz, which numpy.load reads: expected -o FILE.npz, a folder or "
+            f"NAME{DATASET}, got {arguments.output}"
         )
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments, arrays=False)
