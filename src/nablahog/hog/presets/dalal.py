@@ -47,6 +47,7 @@ def paper(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 9)
     """
+    check_choice("global_form", global_form, GlobalForm)
     return HOGSpec(
         name="paper",
         value_range=1.0,
@@ -100,6 +101,7 @@ def dalal_triggs(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (15, 7), 36)
     """
+    check_choice("norm", norm, BlockForm)
     cell = pair(cell_size)
     return replace(
         _BASE,
