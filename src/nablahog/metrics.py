@@ -44,7 +44,8 @@ def _pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]
         raise ValueError("expected images with all their numbers, got an array that masks some")
     first, second = _values(a), _values(b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
-        raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}")
+        hint = ": write image[0, 0] for each image of a batch" if 4 in (first.ndim, second.ndim) else ""
+        raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}{hint}")
     return _clipped(first), _clipped(second)
 
 

@@ -96,6 +96,15 @@ def test_photographs_are_shrunk_alike_and_it_is_said(tmp_path: Path, capsys: pyt
     assert load_descriptor(stored).image_size == (300, 400)
 
 
+def test_inputs_on_both_sides_of_the_options(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:
+    out = tmp_path / "out"
+    assert main(["hog", photo, "-o", str(out), "--size", "64", photo, "-q", photo]) == 0
+    assert len(list(out.iterdir())) == 3
+    refused("hog", photo, "-o", str(out), "", message="unrecognized", status=2)
+    for name in ("https://host/a.png", "@list.txt"):
+        refused("hog", name, "-o", str(tmp_path / "d"), message="URLs and lists are read by")
+
+
 def test_quiet(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["hog", photo, "-o", str(tmp_path / "d.npz"), "-q"]) == 0
     assert capsys.readouterr() == ("", "")

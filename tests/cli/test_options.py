@@ -53,6 +53,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["invrt", "a.png"], "'invert'"),
         (["learn", "priors", "-o", "p.npz"], "'prior'"),
         (["invert", "a.png", "-o", "d", "--qualty", "fast"], "'--quality'"),
+        (["hog", "a.png", "-o", "d", "--cell-size", "4"], "'--set cell_size=…'"),
         (["table1", "-o", "t", "--methods", "uocti-single"], "'uoctti-single'"),
         (["hog", "a.png", "-o", "d", "--set", "orientation=8", "--preset", "skimage"], "'orientations'"),
     ],

@@ -86,6 +86,8 @@ def test_one_file_for_several_inputs(tmp_path: Path, photo: str, refused: Callab
     for command, name in [("hog", "d.npz"), ("glyph", "g.png")]:
         refused(command, photo, photo, "-o", str(tmp_path / name), message="several inputs need a folder")
     refused("glyph", photo, "-o", str(tmp_path / "g.jpg"), message="glyphs are written as PNG")
+    for name in ("d.npy", "d.png"):
+        refused("hog", photo, "-o", str(tmp_path / name), message="descriptors are written as .npz")
 
 
 def test_errors_are_one_short_printable_line(

@@ -180,7 +180,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no channels": (np.zeros((32, 32)), {"channel_axis": -1}, "two spatial dimensions"),
     "no block": (np.zeros((23, 40)), {}, "at least: 24 rows and 24 cols"),
     "complex": (np.zeros((32, 32), complex), {}, "must be real"),
-    "norm": (np.zeros((32, 32)), {"block_norm": "L3"}, "form must be one of"),
+    "norm": (np.zeros((32, 32)), {"block_norm": "L3"}, "block_norm must be one of"),
 }
 
 

@@ -255,6 +255,7 @@ def test_a_result_is_saved_by_the_ending(tmp_path: Path) -> None:
     ("descriptor", "spec", "options", "error", "says"),
     [
         (torch.zeros(16, 16, 31), "uoctti", {}, ValueError, r"\(B, rows, cols, channels\).*got \(16, 16, 31\)"),
+        (np.zeros(15876), "skimage", {}, ValueError, r"got \(15876,\).*from_layout"),
         ("d.npz", "uoctti", {}, TypeError, r"got a path: write nablahog\.load_descriptor\(path\)\.descriptor$"),
         ([np.zeros((4, 4, 31))], "uoctti", {}, TypeError, "got a list: write one call for each of them, or .*np.stack"),
         (torch.zeros(0, 16, 16, 31), "uoctti", {}, ValueError, "B at least 1"),

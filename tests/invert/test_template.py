@@ -69,6 +69,8 @@ def test_refusals() -> None:
     spec = presets.uoctti(4)
     with pytest.raises(ValueError, match=r"must have shape \(10, 10, 31\) .*, got \(10, 10, 32\)"):
         template_descriptor(torch.ones(1, 10, 10, 32), spec)
+    with pytest.raises(ValueError, match=r"got \(3100,\).*from_layout"):
+        template_descriptor(torch.ones(3100), spec)
     with pytest.raises(ValueError, match="the weights must be finite, got NaN or Inf"):
         template_descriptor(torch.full((1, 10, 10, 31), math.nan), spec)
     with pytest.raises(ValueError, match="a template has no positive weights of edges"):

@@ -51,7 +51,8 @@ class Skipping:
         try:
             yield
         except (ValueError, OSError, UserError) as error:
-            message = str(error) if str(Path(path)) in str(error) else f"{path}: {error}"
+            named = path in str(error) or str(Path(path)) in str(error)
+            message = str(error) if named else f"{path}: {error}"
             if self.count == 1:
                 raise UserError(message) from None
             self.skipped.append(

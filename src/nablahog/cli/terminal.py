@@ -67,7 +67,7 @@ class _Lines:
     def __call__(self, done: int, total: int, what: str) -> None:
         now = time.monotonic()
         if self.before is None:
-            self.before = done
+            self.before, self.began = done, now  # what came before the first item does not count
         if now - self.last_line >= EVERY and done > self.before:
             self.last_line = now
             left = (now - self.began) / (done - self.before) * (total - done)

@@ -43,13 +43,20 @@ def check_finite(name: str, tensor: Tensor) -> None:
         raise ValueError(f"{name} must be finite, got NaN or Inf")
 
 
+def check_axes(name: str, tensor: Tensor) -> None:
+    """Raises ValueError unless ``tensor`` has the axes (B, rows, cols, channels), with B at least 1."""
+    if tensor.dim() == 4 and len(tensor):
+        return
+    hints = {3: f": write {name.split()[-1]}[None]", 4: ""}
+    hint = hints.get(tensor.dim(), "; nablahog.from_layout makes it of a library's own vector")
+    shape = tuple(tensor.shape)
+    raise ValueError(f"{name} must have shape (B, rows, cols, channels), B at least 1, got {shape}{hint}")
+
+
 def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int] | None) -> tuple[int, int]:
     """Height and width of the image, after checking that descriptor, spec and image size agree."""
     check_floats("the descriptor", descriptor)
-    if descriptor.dim() != 4 or not len(descriptor):
-        raise ValueError(
-            f"the descriptor must have shape (B, rows, cols, channels), B at least 1, got {tuple(descriptor.shape)}"
-        )
+    check_axes("the descriptor", descriptor)
     rows, cols, channels = descriptor.shape[1:]
     height, width = checked_size(spec.image_size(rows, cols) if image_size is None else image_size)
     expected = (*spec.grid(height, width), spec.channels)

@@ -19,7 +19,7 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, check_finite, descriptors_as_tensor
+from .arguments import Objective, Search, check_axes, check_finite, descriptors_as_tensor
 from .histograms import at_nominal_contrast, searchable
 from .preimage import reconstruct
 from .reconstruction import Reconstruction, of_the_kind, relative_distance, share_of, to_unit_range
@@ -58,6 +58,7 @@ def template_descriptor(
     """
     dialect: HOGSpec = as_spec(spec)
     templates = descriptors_as_tensor(weights)
+    check_axes("the weights", templates)
     size: tuple[int, int] = image_size or dialect.image_size(*templates.shape[1:3])
     expected = (*dialect.grid(*size), dialect.channels)
     if tuple(templates.shape[1:]) != expected:

@@ -103,6 +103,19 @@ def test_opencvs_people_detector_is_recognised(tmp_path: Path, people: str, caps
     assert page.index("Skipped inputs") < page.index("odd.npy") < page.index("expected --preset NAME")
 
 
+def test_detectors_without_the_option(
+    tmp_path: Path, people: str, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["-o", str(tmp_path / "out")]
+    for detector in (people, str(written(tmp_path / "toy.mat"))):
+        refused("invert", detector, *out, "--preset", "opencv", message="--template")
+    refused("invert", str(tmp_path / "no.mat"), *out, "--template", message="no such file")
+    weights = str(tmp_path / "weights.npy")
+    np.save(weights, np.load(people)[:-1])
+    assert main(["invert", weights, *out, "--preset", "opencv", "--quality", "fast"]) == 0
+    assert "--template" in capsys.readouterr().err
+
+
 def test_an_array_of_a_preset(tmp_path: Path) -> None:
     weights = np.random.default_rng(0).standard_normal((31, 5, 6))
     np.savez(tmp_path / "fhog.npz", svm=weights, other=np.ones(3))

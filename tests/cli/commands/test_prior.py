@@ -82,7 +82,7 @@ def test_an_installation_without_priors(
     refused(*command, message=message)
 
 
-def test_samples(tmp_path: Path, photo: str) -> None:
+def test_samples(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     options = ["invert", photo, *SMALL, "--samples", "2", "-o"]
     assert main([*options, str(out), "--preset", "paper"]) == 0
@@ -90,7 +90,9 @@ def test_samples(tmp_path: Path, photo: str) -> None:
     assert 0 < result["agreement"] < 1
     assert "cat_samples.png" in names(out)
     assert "sample 2" in (out / "index.html").read_text()
+    assert "No samples" not in capsys.readouterr().out
     assert main([*options, str(tmp_path / "signed")]) == 0  # these leave nothing open
+    assert "No samples" in capsys.readouterr().out
     assert "cat_samples.png" not in names(tmp_path / "signed")
 
 

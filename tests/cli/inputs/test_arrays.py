@@ -53,6 +53,14 @@ def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: st
     assert torch.equal(result.descriptor.double(), torch.from_numpy(values.astype(np.float64)).permute(1, 2, 0))
 
 
+def test_a_folder(tmp_path: Path, array: NDArray[np.float32], refused: Callable[..., None]) -> None:
+    np.save(tmp_path / "a.npy", array)
+    out = ["-o", str(tmp_path / "out")]
+    assert main(["glyph", str(tmp_path), "--preset", "vlfeat", *out]) == 0
+    assert (tmp_path / "out" / "a_glyphs.png").exists()
+    refused("glyph", str(tmp_path), *out, message="expected a file, or a folder of files")
+
+
 def test_one_of_several(tmp_path: Path, array: NDArray[np.float32], refused: Callable[..., None]) -> None:
     path = str(tmp_path / "d.npz")
     np.savez(path, hog=array, other=array[:, :5], size=np.array([48, 64]), text="cat")

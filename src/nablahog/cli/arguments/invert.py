@@ -68,11 +68,10 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "--template",
         action="store_true",
-        help="inputs are the weights of linear detectors, in arrays or DPM models (.mat): show what they look for",
+        help="inputs are the weights of linear detectors, in arrays, DPM models (.mat) or files that OpenCV's "
+        "HOGDescriptor saved (.yml, .xml, .json): show what they look for",
     )
-    options.choice(
-        command, "--quality", get_args(QualityName), "best, or fast: coarser, with an eighth of the evaluations"
-    )
+    options.choice(command, "--quality", get_args(QualityName), "best, or fast: coarser, with fewer evaluations")
     method = "how to search: default, or paper, the paper's own, which is much slower"
     options.choice(command, "--method", get_args(InversionMethod), method)
     prior = "a file of `nablahog learn prior`, or none for no prior (default: the prior that comes with nablahog)"

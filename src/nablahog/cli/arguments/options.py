@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn
 
 from ...runtime.text import did_you_mean, one_line
-from .presets import DEFAULT_PRESET, PRESETS
+from .presets import DEFAULT_PRESET, PRESETS, defaults_of
 
 SIZE = 256  # pixels of the longer side: the pre-image of such a photograph takes seconds
 SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
@@ -28,16 +28,22 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         arguments, unknown = self.parse_known_args(args, namespace)
-        if unknown:
+        if "inputs" in arguments and all(each == "-" or each[:1] not in ("", "-") for each in unknown):
+            arguments.inputs += unknown  # those after an option, which argparse does not take
+        elif unknown:
             owner = getattr(arguments, "parser", self)
             owner.error(f"unrecognized arguments: {' '.join(unknown)}{owner.meant(unknown)}")
         return arguments
 
     def meant(self, unknown: Collection[str]) -> str:
-        """A suggestion for the first of the unknown arguments that is like one of the options."""
+        """A suggestion for the first of the unknown arguments that is a parameter of a preset, or like an option."""
         options = [option for option in self._option_string_actions if option.startswith("--")]
-        suggestions = (did_you_mean(each.split("=")[0], options) for each in unknown if each.startswith("--"))
-        return next(filter(None, suggestions), "")
+        names = [each.split("=")[0] for each in unknown if each.startswith("--")]
+        parameters = {key for name in PRESETS for key in defaults_of(name)} if "--set" in options else ()
+        for key in (name[2:].replace("-", "_") for name in names):
+            if key in parameters:
+                return f"; did you mean '--set {key}=…'?"
+        return next(filter(None, (did_you_mean(name, options) for name in names)), "")
 
 
 def image_size(text: str) -> tuple[int, int]:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 STDOUT = "-"
 LIST = "@"
 SHARD = 1000  # images of a file
+OTHER_FORMATS = (".npy", ".mat", ".csv", ".txt", ".json")  # in which programs would expect what their names say
 SHOWN = 3  # images without a descriptor that are named on stderr; the data set names all
 
 
@@ -50,7 +51,13 @@ def hog(arguments: Namespace) -> int:
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)
 
-    is_file = not arguments.output.endswith(os.sep)  # a file of any name, since np.load does not mind
+    is_file = not arguments.output.endswith(os.sep)  # a file of nearly any name, since np.load does not mind
+    suffix = Path(arguments.output).suffix.lower()
+    if suffix in {*image_endings(), *OTHER_FORMATS} and arguments.output not in arguments.inputs:
+        raise UserError(
+            f"descriptors are written as .npz, which numpy.load reads: expected -o FILE.npz, a folder or "
+            f"NAME{DATASET}, got {arguments.output}"
+        )
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments, arrays=False)
     _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)

@@ -35,10 +35,11 @@ from ..results.inversion import (
     invert_batch,
     picture_name,
 )
-from ..terminal import counter, print_table, say, say_page
+from ..terminal import counter, inform, print_table, say, say_page
 
 NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
+NEGATIVE = 0.1  # share of negative entries that no descriptor has
 EVERY = 10.0  # seconds after which results.json is written again
 
 _EXCLUDED = {
@@ -60,6 +61,8 @@ def invert(arguments: Namespace) -> int:
 
     def check(source: Source) -> None:
         prior.check(source.spec)
+        if float((source.descriptor < 0).float().mean()) > NEGATIVE:
+            inform(f"{source.path}: many entries are negative, as in the weights of a detector: try --template")
 
     if arguments.template:
         inputs = read_template_inputs(arguments)
@@ -88,6 +91,8 @@ def invert(arguments: Namespace) -> int:
     if len(done) > LINES:
         say(f"and {len(done) - LINES:,} more in {folder / 'results.json'}")
     _say_unsure(done)
+    if arguments.samples and all(each.agreement is None for each in done):
+        say("No samples: these descriptors have signed gradients, which leave little open")
     say_page(folder / "index.html")
     return inputs.skipping.status
 

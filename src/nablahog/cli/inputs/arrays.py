@@ -71,7 +71,7 @@ class ArrayOptions:
             if how is not None:
                 return spec, how
         if len(shape) > 1 and shape[0] > 1 and fit(shape[1:], spec, self.image_size or window) is not None:
-            raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them")
+            raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them: save each in its own")
         raise ValueError(f"{self._mismatch(shape, spec, window)}{self._suggested(shape)}")
 
     def _mismatch(self, shape: tuple[int, ...], spec: HOGSpec, window: Size | None) -> str:
@@ -84,8 +84,12 @@ class ArrayOptions:
         return f"the {spec.name} descriptor{of} has the shape {shapes(spec, size)}, got {shape}"
 
     def _suggested(self, shape: tuple[int, ...]) -> str:
-        fitting = ", or ".join(each.options for each in presets_that_fit(shape, self.image_size))
-        return f"; this fits {fitting}" if fitting else ""
+        fitting = [each.options for each in presets_that_fit(shape, self.image_size)]
+        if fitting:
+            return f"; this fits {', or '.join(fitting)}"
+        if is_row(shape):
+            fitting = [each.options for each in presets_that_fit((math.prod(shape) - 1,), self.image_size)]
+        return f"; with --template, a detector's weights and bias would fit {', or '.join(fitting)}" if fitting else ""
 
     def _which(self, array: NDArray[np.floating]) -> str:
         """The dialects that fit, the likeliest first: that of which an image comes nearest to the descriptor."""

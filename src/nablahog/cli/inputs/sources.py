@@ -22,6 +22,7 @@ from ...hog.descriptor import describe
 from ...hog.gradient import gray
 from ...io.arrays import is_archive, is_raw, naming
 from ...io.descriptor_file import StoredDescriptor, load_descriptor
+from ...io.dpm_file import is_dpm_file
 from ...io.files import distinct_stems, local_name, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.pixels import MAX_BYTES
@@ -57,11 +58,15 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
             if os.path.realpath(name) == os.path.realpath(arguments.output):
                 raise UserError(f"results in the folder {name} would be its inputs next time: expected another -o")
             files = _files(os.scandir(name), endings)
-            reason = f"expected a file, or a folder of files of these kinds: {', '.join(sorted(endings))}"
+            others = sorted({*endings} - image_endings())
+            kinds = ", ".join((["images"] if len(others) < len(endings) else []) + others)
+            reason = f"expected a file, or a folder of files of these kinds: {kinds}"
         elif glob.has_magic(name) and not os.path.lexists(name):
             found = (path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
             files = sorted(found, key=natural_order)
             reason = "no file matches this pattern"
+        elif ("://" in name or name.startswith("@")) and not os.path.lexists(name):
+            files, reason = [], f"expected a file: URLs and lists are read by `nablahog hog … -o NAME{DATASET}`"
         else:
             files, reason = [name], ""
         paths += files
@@ -187,7 +192,8 @@ def read_inputs(
     sets = [name for name in arguments.inputs if datasets and name.rstrip("/").endswith(DATASET)]
     data = [_dataset(name, spec_options) for name in sets]
     files = Namespace(**{**vars(arguments), "inputs": [name for name in arguments.inputs if name not in sets]})
-    expanded = expand(files, {*image_endings(), *([".npz"] if arrays else [])})
+    others = [".npz", *([".npy", ".mat"] if spec_options.preset else [])] if arrays else []
+    expanded = expand(files, {*image_endings(), *others})
     expanded.skipping.count += sum(map(len, data))
     reader = _Reader(arguments, spec_options, array_options)
 
@@ -246,6 +252,8 @@ class _Reader:
 
     def _read(self, path: str, stem: str) -> Source:
         if self.array_options is not None and is_raw(path):
+            if is_dpm_file(path):
+                raise ValueError(f"{path}: expected a descriptor, got a detector: see `nablahog invert --template`")
             self.arrays += 1
             return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
         if is_archive(path):
@@ -254,7 +262,12 @@ class _Reader:
                 self.spec_options.check(of_file.spec)
             return _from_stored(path, stem, of_file)
         size = SIZE if self.arguments.size is None else self.arguments.size
-        photo = read_image(path, size)
+        try:
+            photo = read_image(path, size)
+        except ValueError as error:
+            if self.array_options is None or Path(path).suffix.lower() in image_endings():
+                raise
+            raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
         shrunk = longer_side(path) > max(photo.shape)
         self.shrunk += shrunk and self.arguments.size is None
         return from_photo(path, stem, photo, self.spec_options.spec(), size=size, shrunk=shrunk)

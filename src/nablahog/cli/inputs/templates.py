@@ -6,6 +6,7 @@ import math
 from argparse import Namespace
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from ...invert import template_descriptor
 from ...io.arrays import is_raw, naming, read_array
 from ...io.descriptor_file import Fit
 from ...io.dpm_file import is_dpm_file, load_dpm
+from ...io.files import check_file
 from ..arguments.presets import SpecOptions
 from ..errors import as_user_error
 from .arrays import ArrayOptions
@@ -59,6 +61,7 @@ def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOpt
     .gz), or an array of weights (.npy, .npz, .mat) in the layout of its library; a bias after the weights is ignored.
     OpenCV's people detectors are recognised by their length.
     """
+    check_file(Path(path), "the weights of a detector")
     if path.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
         return [_of_opencv(path)]
     if not is_raw(path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-from ..checks import pair
+from ..checks import check_choice, pair
 from ..normalizers import BlockForm, BlockNorm, CellNorm, GlobalForm, GlobalNorm
 from ..poolings import BlockCells, BoxCells, PartialCells
 from ..spec import Border, HOGSpec
@@ -47,6 +47,7 @@ def paper(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 9)
     """
+    check_choice("global_form", global_form, GlobalForm)
     return HOGSpec(
         name="paper",
         value_range=1.0,
@@ -100,6 +101,7 @@ def dalal_triggs(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (15, 7), 36)
     """
+    check_choice("norm", norm, BlockForm)
     cell = pair(cell_size)
     return replace(
         _BASE,
@@ -143,6 +145,7 @@ def skimage(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 81)
     """
+    check_choice("block_norm", block_norm, BlockForm)
     return replace(
         _BASE,
         name="skimage",
