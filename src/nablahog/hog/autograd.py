@@ -175,7 +175,7 @@ _Jvp = _derivative(
 
 def in_graph(x: Tensor) -> bool:
     """True for traced or fake tensors."""
-    return torch.compiler.is_compiling() or type(x) not in (Tensor, Parameter)
+    return torch.compiler.is_compiling() or torch.jit.is_tracing() or type(x) not in (Tensor, Parameter)
 
 
 def norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:

@@ -140,6 +140,8 @@ class HOG(nn.Module):
 
     def __init__(self, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> None:
         super().__init__()
+        check_choice("layout", layout, ResultLayout)
+        check_choice("backend", backend, Backend)
         self.spec = as_spec(spec)
         self.layout: ResultLayout = layout
         self.backend: Backend = backend
