@@ -167,7 +167,7 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "photograph": one.listed.image,
+            "image": one.listed.image,
             "object": one.listed.id,
             **{name: one.figures.get(name) for name in shown},
             **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),
