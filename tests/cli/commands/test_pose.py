@@ -216,6 +216,7 @@ def test_a_pose_that_is_not_sure_is_refused(
     assert main(arguments) == 4
     assert "nablahog pose: refused: 1 of 1" in capsys.readouterr().err
     assert figures(out)["refused"]
+    assert figures(out)["warning"] in (out / "index.html").read_text(encoding="utf-8")
     assert main([*arguments, "--least-confidence", "0"]) == 0
 
 
