@@ -177,6 +177,12 @@ def test_fit(page: Page, folder: Path) -> None:
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")
     assert "sample_chairs()['wooden-0']" in page.text("#fit-lines")
+    azimuth, there = page.read("document.querySelector('#pose-azimuth').value"), page.read("location.hash")
+    assert "pose=" in there
+    page.open(there)  # a reload returns to it
+    page.until("document.querySelector('#scene').dataset.n > 0")
+    page.idle()
+    assert page.read("document.querySelector('#pose-azimuth').value") == azimuth
 
 
 @in_a_browser

@@ -81,6 +81,7 @@ def arrays() -> dict[str, tuple[str, dict[str, str], Any]]:
     return {
         "row": ("a b.npy", {**asked, "image_size": "64x64"}, blocks.ravel()),
         "blocks": ("b.npy", asked, blocks),
+        "blocks of float64": ("d.npy", asked, blocks.astype(np.float64) / 3),
         "cells of another layout": ("c.npy", {"preset": "opencv"}, hog(image, presets.opencv(win_size=(64, 64)))),
         "opencv": ("o.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, opencv),
         "key": ("k.npz", {"preset": "uoctti", "key": "left"}, {"left": uoctti, "right": uoctti}),
@@ -106,7 +107,7 @@ def test_of_an_array(client: TestClient, tmp_path: Path, which: str, run: Run) -
     (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
     made = names["weights" if "as" in answers else "descriptor"]
     np.testing.assert_array_equal(made, load_descriptor("page.npz").descriptor)
-    if which in ("row", "template of cells"):
+    if which in ("row", "blocks of float64", "template of cells"):
         done = events(client, descriptor=of["id"])[-1][1]
         assert float(run(done["lines"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 

@@ -15,6 +15,7 @@ import torch
 from nablahog.hog import HOG, hog, presets
 
 SPEC = presets.paper()
+NESTED = torch.nested.nested_tensor([torch.zeros(1, 8, 8), torch.zeros(2, 8, 8)], layout=torch.jagged)
 REFUSED: dict[str, tuple[type[Exception], str, Any]] = {
     "no image": (TypeError, r"torch tensor \(B, C, H, W\), .*, got a list: write one call for each", [[0.0]]),
     "a path": (TypeError, r"got a path: write PIL\.Image\.open\(path\)$", Path("photo.png")),
@@ -25,6 +26,7 @@ REFUSED: dict[str, tuple[type[Exception], str, Any]] = {
     "channels last": (ValueError, r"write images\.permute\(0, 3, 1, 2\)$", torch.zeros(2, 9, 16, 3)),
     "channels last of one image": (ValueError, r"write images\.permute\(2, 0, 1\)\[None\]$", torch.zeros(9, 16, 3)),
     "complex": (TypeError, "got torch.complex64$", torch.zeros(1, 1, 8, 8, dtype=torch.complex64)),
+    "nested": (TypeError, "got a nested one: write one call", NESTED),
     "no row": (ValueError, "at least one cell of 8x8 pixels .* 0x8$", torch.zeros(1, 1, 0, 8)),
     "too small": (ValueError, "at least one cell of 8x8 pixels .* 7x8$", torch.zeros(1, 1, 7, 8)),
 }

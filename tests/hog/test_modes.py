@@ -229,6 +229,17 @@ def test_inductor_equals_eager(name: str) -> None:
     assert_compiled_equals_eager(PRESETS[name](4), "inductor")
 
 
+def test_exported_and_traced_graphs_take_other_batches() -> None:
+    image, other = noise(2, 3, 16, 16, dtype=torch.float32), noise(3, 3, 16, 16, dtype=torch.float32)
+    module = HOG("uoctti")
+    exported = torch.export.export(module, (image,), dynamic_shapes=({0: torch.export.Dim("B")},)).module()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # PyTorch's own: traces are deprecated, and shapes are no tensors
+        traced = torch.jit.trace(module, image)  # type: ignore[no-untyped-call]
+    for graph in (exported, traced):
+        assert torch.equal(graph(other), module(other))
+
+
 # --- the module ------------------------------------------------------------------------------------------------------
 
 
@@ -238,6 +249,8 @@ def test_module_is_the_function() -> None:
     assert torch.equal(module(image), hog(image, presets.vlfeat(), layout="native"))
     assert not module.state_dict()
     assert "layout='native'" in repr(module)
+    with pytest.raises(ValueError, match="layout"):
+        HOG("vlfeat", layout="nativ")  # type: ignore[arg-type]
 
 
 CELLS_VJP, DESCRIBE_VJP = torch.ops.nablahog.cells_vjp.default, torch.ops.nablahog.describe_vjp.default

@@ -112,6 +112,7 @@ def test_objects_of_a_file_like_cocos(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("image,x0,y0,x1\na.jpg,1,2,3\n", "expected the columns x0, y0, x1, y1 together, but y1 is missing"),
+        ("image,x,y,width,height\na.jpg,1,2,3,4\n", "expected boxes in the columns x0, y0, x1, y1, got image, x, y"),
         ("image,x0,y0,x1,y1\na.jpg,1,2,3,4\nb.jpg,1,2,,4\n", "line 3, column x1: expected a finite number of pixels"),
         ("image,x0,y0,x1,y1\na.jpg,5,2,3,4\n", "line 2: expected a box with sides above 0"),
         ("image,azimuth,elevation\na.jpg,5,91\n", "line 2, column elevation: expected degrees in -90…90, got 91"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import secrets
 import socket
 from argparse import Namespace
@@ -46,7 +47,9 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         made = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
-        raise UserError(f"cannot listen at {host}, port {port}: {error.strerror or error}") from None
+        reason = (error.strerror or str(error)).partition(" (while")[0]  # Python repeats the address
+        free = "; --port 0 takes a free one" if error.errno == errno.EADDRINUSE else ""
+        raise UserError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
     # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return made

@@ -71,11 +71,12 @@ def of_array(
     count = math.prod(how.shape)
     cut = f".ravel()[:{count}]" if count < array.size else ""
     folded = "" if how.shape in (array.shape, (count,) if cut else ()) else f".reshape({how.shape})"
+    single = "" if array.dtype == np.float32 else ".astype('float32')"  # as the page and the command compute
     made = "weights" if template else "descriptor"
     python = (
         "import nablahog" if laid_out == "spec" else "import dataclasses, nablahog",
         "from nablahog.io.arrays import read_array",
-        f"array = read_array({name!r}, {arrays.key!r}){cut}{folded}",
+        f"array = read_array({name!r}, {arrays.key!r}){cut}{folded}{single}",
         f"spec = {_preset(options) if of_preset else f'nablahog.HOGSpec.from_json({spec.to_json()!r})'}",
         f"size = {size}  # height, width",
         f"{made} = nablahog.from_layout(array, {laid_out}, size)",

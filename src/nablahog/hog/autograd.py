@@ -175,7 +175,8 @@ _Jvp = _derivative(
 
 def in_graph(x: Tensor) -> bool:
     """True for traced or fake tensors."""
-    return torch.compiler.is_compiling() or type(x) not in (Tensor, Parameter)
+    tracing = torch.compiler.is_compiling() or torch.jit.is_tracing()  # type: ignore[attr-defined, no-untyped-call]
+    return tracing or type(x) not in (Tensor, Parameter)
 
 
 def norm_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:

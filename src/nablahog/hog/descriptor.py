@@ -94,6 +94,8 @@ def hog(
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     if not isinstance(images, Tensor):
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
+    if images.is_nested:
+        raise TypeError("images must be a torch tensor (B, C, H, W), got a nested one: write one call for each of them")
     # these channels would be columns, too few for a cell
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
     if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
@@ -140,6 +142,8 @@ class HOG(nn.Module):
 
     def __init__(self, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> None:
         super().__init__()
+        check_choice("layout", layout, ResultLayout)
+        check_choice("backend", backend, Backend)
         self.spec = as_spec(spec)
         self.layout: ResultLayout = layout
         self.backend: Backend = backend

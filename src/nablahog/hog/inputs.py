@@ -31,7 +31,8 @@ Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 
 STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
 BEYOND = 1.0  # above white; filters overshoot by less
-WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # of a sentence on dtypes
+# of a sentence on dtypes
+WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
 _CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
@@ -149,7 +150,8 @@ def advise(images: Tensor, spec: HOGSpec) -> None:
         )
     if images.is_cpu and images.is_floating_point() and _is_beyond(images):
         _warn(
-            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass uint8"
+            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
+            "uint8, and pass images of a network as they were before their mean was subtracted"
         )
 
 

@@ -49,7 +49,7 @@ def _operator(name: str, shape: Callable[[HOGSpec, int, int], tuple[int, ...]]) 
     def _(images: Tensor, spec: str) -> Tensor:
         dtype = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
         real = torch.float32 if dtype in (torch.float16, torch.bfloat16) else dtype  # which kernels of a GPU read
-        return images.new_empty(len(images), *shape(_spec_of(spec), *images.shape[2:]), dtype=real)
+        return images.new_empty(images.shape[0], *shape(_spec_of(spec), *images.shape[2:]), dtype=real)
 
     @vjp.register_fake
     def _(images: Tensor, grad_output: Tensor, spec: str) -> Tensor:

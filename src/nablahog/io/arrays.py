@@ -106,7 +106,8 @@ def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floa
     """
     array = _chosen(path, key)
     if array.dtype.kind != "f" or array.dtype.itemsize > 8:
-        raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}")
+        write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else ""
+        raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}{write}")
     return array
 
 

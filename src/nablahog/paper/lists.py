@@ -171,6 +171,8 @@ def _of_csv(path: Path) -> list[ListedObject]:
         missing = [name for name in group if name not in rows[0].values]
         if missing and len(missing) < len(group):
             raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
+    if SIDES[0] not in rows[0].values and {"width", "height", "w", "h", "bbox", "x2", "right"} & rows[0].values.keys():
+        raise ValueError(f"{path}: expected boxes in the columns {', '.join(SIDES)}, got {', '.join(rows[0].values)}")
     return [_listed_object(number, row, unguarded(row.text("image"))) for number, row in enumerate(rows, 1)]
 
 

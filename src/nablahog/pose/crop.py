@@ -98,7 +98,13 @@ def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
     """
     box = Box.of(sides)
     if not all(map(math.isfinite, box)) or not (box.width >= 8 and box.height >= 8):
-        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}")
+        sized = Box(box.x0, box.y0, box.x0 + box.x1, box.y0 + box.y1)  # if these are a width and a height
+        write = (
+            f"; of x, y, width, height write {tuple(sized)}"
+            if min(box.width, box.height) < 0 and min(box.x1, box.y1) >= 8
+            else ""
+        )
+        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}{write}")
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
         raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")
     return box

@@ -145,7 +145,8 @@ def estimate_pose(
             :mod:`.vote`; it counts only if it knows the class of the models.  By default the one for
             chairs that comes with the package; None for none.
         seed: of the random samples of ``"best"``; the other methods have none.
-        progress: called with the models done, their number and the name of the one at work.
+        progress: called with the models done, their number and the name of the one at work; after the last one, with
+            what remains to be done.
         watch: called with the name of a model and each pose (6,) that the search comes to, for the object's crop, see
             :func:`.crop.crop_object`.  An exception that it raises ends the search.
 

@@ -174,6 +174,9 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
         refused("pose", photograph, *argv, *to, message=message, status=status)
 
     check("the image of 150x180 pixels", box="200,0,300,100")
+    check("of x, y, width, height write (90.0, 20.0, 130.0, 110.0)", box="90,20,40,90")
+    check("expected pixels, got '35mm': multiply by", focal="35mm", status=2)
+    refused("pose", photograph, "--init", "-30,10", *to, message="written --init=-", status=2)
     check("x0,y0,x1,y1, got '1,2,3'", 2, box="1,2,3")
     check("expected an elevation in -90…90 degrees, got '0,91'", 2, init="0,91")
     check("expected a number above 0 and at most 180", 2, within="200")
@@ -213,6 +216,7 @@ def test_a_pose_that_is_not_sure_is_refused(
     assert main(arguments) == 4
     assert "nablahog pose: refused: 1 of 1" in capsys.readouterr().err
     assert figures(out)["refused"]
+    assert figures(out)["warning"] in (out / "index.html").read_text(encoding="utf-8")
     assert main([*arguments, "--least-confidence", "0"]) == 0
 
 

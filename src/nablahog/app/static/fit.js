@@ -120,7 +120,9 @@ export class Fit {
     this.#of = source?.id ?? "";
     this.#restoreObject();
     if (source?.kind !== "photo") return;
-    void this.#photo.run("Loads the photograph", (signal) => this.#box.show(source, this.app.source, signal));
+    void this.#photo.run("Loads the photograph", (signal) => this.#box.show(source, this.app.source, signal)).then(() => {
+      if (this.#of === source.id && this.app.address.get("pose") !== null) void this.#open(); // a reload returns to it
+    });
   }
 
   /** @param {File} file of a mesh that was dropped */

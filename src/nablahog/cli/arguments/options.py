@@ -19,6 +19,8 @@ class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, which suggests what may have been meant."""
 
     def error(self, message: str) -> NoReturn:
+        if message.startswith("argument --") and message.endswith(": expected one argument"):
+            message += f"; one that begins with a minus is written {message.split()[1].rstrip(':')}=-…"
         self.exit(2, f"{self.prog}: error: {one_line(message)} (see {self.prog} --help)\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

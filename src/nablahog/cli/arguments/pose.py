@@ -32,6 +32,11 @@ _pixels = _number("PIXELS", lambda pixels: pixels > 0, "a number above 0, exif o
 
 
 def _focal(text: str) -> float | str:
+    if text.lower().endswith("mm"):
+        raise argparse.ArgumentTypeError(
+            f"expected pixels, got {text!r}: multiply by the photograph's diagonal, in pixels, over the sensor's, "
+            "which is 43.3mm if the lens is named by its equivalent for 35mm film"
+        )
     return text if text in ("exif", "unknown") else _pixels(text)
 
 

@@ -87,6 +87,8 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
     """What is known about the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
+        if photo.is_dir():
+            raise ValueError(f"{photo}: expected an image file, got a folder, which needs --annotations")
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")

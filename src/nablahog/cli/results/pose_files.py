@@ -167,7 +167,7 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "photograph": one.listed.image,
+            "image": one.listed.image,
             "object": one.listed.id,
             **{name: one.figures.get(name) for name in shown},
             **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),
@@ -182,10 +182,18 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
         if one.picture is not None:
             name = f"{one.listed.image}, {one.listed.id}"
             panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
-    failed = [{"photograph": one.listed.image, "why": one.failure} for one in objects if not one.figures]
+    doubtful = [
+        {"image": one.listed.image, "object": one.listed.id, "why": one.figures["warning"]}
+        for one in objects
+        if one.figures.get("warning")
+    ]
+    failed = [
+        {"image": one.listed.image, "object": one.listed.id, "why": one.failure} for one in objects if not one.figures
+    ]
     first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
         html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),
+        html.Section("Doubtful poses", "Poses that may mean nothing, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
     refused = sum(one.refused for one in objects)

@@ -75,7 +75,7 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    row = {"photograph": name, **{key: getattr(estimate, key) for key in _FIGURES}}
+    row = {"image": name, **{key: getattr(estimate, key) for key in _FIGURES}}
     row |= {"azimuth": "any"} if estimate.any_azimuth else {}
     mind = warning(estimate)
     return html.page(
