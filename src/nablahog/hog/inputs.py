@@ -31,8 +31,8 @@ Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 
 STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
 BEYOND = 1.0  # above white; filters overshoot by less
-WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # of a sentence on dtypes
-ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
+WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # the end of a message on dtypes
+ITEMS = "one call for each image, or torch.stack or np.stack of images of one shape"
 _CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
 
@@ -112,7 +112,7 @@ def _pixels(name: str, images: object) -> NDArray[Any]:
 
 def _tensor(name: str, array: NDArray[Any]) -> Tensor:
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
-        raise ValueError(f"{name} must have all its numbers, got an array that masks some: fill them, array.filled(0)")
+        raise ValueError(f"{name} must have no masked entries, got an array that masks some: write array.filled(0)")
     if array.dtype.kind not in "uifb":
         raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}")
     # PyTorch takes no other byte order and no odd strides, and warns about memory that is read only
@@ -156,11 +156,11 @@ def advise(images: Tensor, spec: HOGSpec) -> None:
 def _is_beyond(images: Tensor) -> bool:
     try:
         values = images.detach().numpy()[..., ::STEP, ::STEP]  # a microsecond, where slices of tensors take four
-    except RuntimeError:  # of a transform of torch.func, a dual number, without storage
+    except RuntimeError:  # dual numbers and tensors of torch.func's transforms have no storage
         return False
     if not values.size:
         return False
-    # images that are not finite have no range; half of a centred one is above 0
+    # images that are not finite have no range; of centred ones, the largest value tells enough
     return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 
