@@ -220,7 +220,7 @@ def measured(kind: str, command: Command, cluster: Cluster, wanted: int, rng: ra
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faults", type=int, default=100, help="of each kind and command, at least")
+    parser.add_argument("--faults", type=int, default=100, help="least number of faults of each kind and command")
     parser.add_argument("--kinds", nargs="*", default=[*PAUSES], choices=PAUSES)
     parser.add_argument("--commands", nargs="*", default=["table1", "table2", "hog"])
     parser.add_argument("--seed", type=int, default=0)

@@ -190,7 +190,7 @@ def measure_preimages(folder: Path | None) -> None:
     for minimiser in get_args(Minimiser):
         few = Search(max_evaluations=30, samples=1, minimiser=minimiser)
         count = waits(partial(reconstruct, descriptors[:8], spec, size, prior=None, search=few))
-        print(f"{minimiser}, 30 evaluations: waits {count} times")
+        print(f"{minimiser}, 30 evaluations: waits for the device: {count}")
 
 
 def measure_prior(folder: Path | None) -> None:
