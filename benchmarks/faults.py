@@ -134,7 +134,7 @@ class Cluster:
         return all(process.poll() is None for process in self.processes)
 
     def kill_worker(self, rng: random.Random) -> bool:
-        """Whether there was a worker to kill."""
+        """Kills a worker; returns whether there was one."""
         workers = []
         for pid in descendants(self.processes[1].pid):
             with suppress(OSError):
@@ -182,7 +182,7 @@ class Command:
 
 
 def disturb(kind: str, cluster: Cluster, client: subprocess.Popen[bytes], rng: random.Random) -> bool:
-    """Whether there was a fault."""
+    """Causes a fault; returns whether there was one."""
     if client.poll() is not None:
         return False
     if kind == "worker":

@@ -47,7 +47,7 @@ missed: list[str] = []
 
 
 def judge(what: str, value: float, goal: float, *, least: bool = False) -> None:
-    """Notes a goal, at least or at most so much."""
+    """Notes a goal: the figure is to be at least, or at most, the limit."""
     reached = value >= goal if least else value <= goal
     goals.append([what, f"{'≥' if least else '≤'} {goal:g}", digits(value), "yes" if reached else "**no**"])
     missed.extend([] if reached else [what])

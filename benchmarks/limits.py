@@ -40,7 +40,7 @@ class Rates:
     roots: float
 
     def bandwidth_of(self, moved: float) -> float:
-        """At the nearest size measured."""
+        """The bandwidth at the nearest size measured."""
         return self.bandwidth[min(self.bandwidth, key=lambda size: abs(np.log(size / moved)))]
 
 

@@ -86,7 +86,7 @@ class Checkout:
         )
 
     def milliseconds(self, case: str) -> float:
-        """Of a call."""
+        """Milliseconds of a call."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.write(f"{case}\n")
