@@ -94,7 +94,7 @@ def hog(
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     if not isinstance(images, Tensor):
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
-    # channels last: read as columns, they are too few for a cell
+    # these channels would be columns, too few for a cell
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
     if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
         advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}

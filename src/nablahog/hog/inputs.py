@@ -31,8 +31,8 @@ Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 
 STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
 BEYOND = 1.0  # above white; filters overshoot by less
-WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # the end of a message on dtypes
-ITEMS = "one call for each image, or torch.stack or np.stack of images of one shape"
+WHITE = "; divide integers by the value of white: write images / 65535 for 16 bits"  # of a sentence on dtypes
+ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
 _CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
 
 
