@@ -169,12 +169,12 @@ class Server:
         return self.process.communicate(timeout=20)[1].strip()
 
     def processor_seconds(self) -> float:
-        """Spent so far."""
+        """Processor seconds spent so far."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def megabytes(self) -> float:
-        """Of memory."""
+        """Megabytes of memory in use."""
         pages = int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 

@@ -126,7 +126,7 @@ def main() -> None:
     commands = parser.add_subparsers(required=True)
     of_polarity = commands.add_parser("polarity")
     of_polarity.add_argument("--images", type=Path, nargs="*", help="folders of images, each of one size")
-    of_polarity.add_argument("--every", type=int, default=1, help="only each so many-th image")
+    of_polarity.add_argument("--every", type=int, default=1, help="take every N-th image only")
     of_polarity.add_argument("--threads", type=int, default=1)
     of_polarity.set_defaults(run=polarity)
     of_poses = commands.add_parser("poses")

@@ -79,7 +79,7 @@ async def host(file: str, count: int) -> None:
 
 
 def processor_seconds(pid: int) -> float:
-    """That a process has used, by /proc."""
+    """Processor seconds that a process has used, by /proc."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

@@ -134,7 +134,7 @@ class Cluster:
         return all(process.poll() is None for process in self.processes)
 
     def kill_worker(self, rng: random.Random) -> bool:
-        """Whether there was a worker to kill."""
+        """Kills a worker; returns whether there was one."""
         workers = []
         for pid in descendants(self.processes[1].pid):
             with suppress(OSError):
@@ -182,7 +182,7 @@ class Command:
 
 
 def disturb(kind: str, cluster: Cluster, client: subprocess.Popen[bytes], rng: random.Random) -> bool:
-    """Whether there was a fault."""
+    """Causes a fault; returns whether there was one."""
     if client.poll() is not None:
         return False
     if kind == "worker":
@@ -220,7 +220,7 @@ def measured(kind: str, command: Command, cluster: Cluster, wanted: int, rng: ra
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--faults", type=int, default=100, help="of each kind and command, at least")
+    parser.add_argument("--faults", type=int, default=100, help="least number of faults of each kind and command")
     parser.add_argument("--kinds", nargs="*", default=[*PAUSES], choices=PAUSES)
     parser.add_argument("--commands", nargs="*", default=["table1", "table2", "hog"])
     parser.add_argument("--seed", type=int, default=0)

@@ -47,7 +47,7 @@ missed: list[str] = []
 
 
 def judge(what: str, value: float, goal: float, *, least: bool = False) -> None:
-    """Notes a goal, at least or at most so much."""
+    """Notes a goal: the figure is to be at least, or at most, the limit."""
     reached = value >= goal if least else value <= goal
     goals.append([what, f"{'≥' if least else '≤'} {goal:g}", digits(value), "yes" if reached else "**no**"])
     missed.extend([] if reached else [what])
@@ -190,7 +190,7 @@ def measure_preimages(folder: Path | None) -> None:
     for minimiser in get_args(Minimiser):
         few = Search(max_evaluations=30, samples=1, minimiser=minimiser)
         count = waits(partial(reconstruct, descriptors[:8], spec, size, prior=None, search=few))
-        print(f"{minimiser}, 30 evaluations: waits {count} times")
+        print(f"{minimiser}, 30 evaluations: waits for the device: {count}")
 
 
 def measure_prior(folder: Path | None) -> None:

@@ -19,7 +19,7 @@ from nablahog.hog import BlockCells, BoxCells, GlobalNorm, HOGSpec
 
 KIB = 1024
 SIZES = tuple(KIB << k for k in range(7, 20, 2))  # bytes moved: 128 KiB … 512 MiB, from the first cache to memory
-_FLOATS = 2048  # that fit into any first cache, four times
+_FLOATS = 2048  # numbers; four arrays of them fit into any first-level cache
 _CHAIN = 32
 
 
@@ -40,7 +40,7 @@ class Rates:
     roots: float
 
     def bandwidth_of(self, moved: float) -> float:
-        """At the nearest size measured."""
+        """The bandwidth at the nearest size measured."""
         return self.bandwidth[min(self.bandwidth, key=lambda size: abs(np.log(size / moved)))]
 
 

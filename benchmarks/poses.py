@@ -82,7 +82,7 @@ def estimate(example: AnnotatedObject, choices: dict[str, Any]) -> PoseEstimate:
 
 
 def seconds_of(example: AnnotatedObject, choices: dict[str, Any]) -> float:
-    """Of the processor, for the second of two searches: the first prepares the models."""
+    """Processor seconds of the second of two searches; the first prepares the models."""
     estimate(example, choices)
     start = time.process_time()
     estimate(example, choices)
@@ -104,7 +104,7 @@ def spread(seconds: Summary) -> str:
 
 
 def row(name: str, examples: list[AnnotatedObject], choices: dict[str, Any]) -> list[str]:
-    """Of a search on objects."""
+    """The table's row of a search on objects."""
     first = timed(examples, choices)[1]
     results, seconds = timed(examples, choices)
     pairs = [(result.azimuth, example.azimuth) for result, example in zip(results, examples, strict=True)]

@@ -4,7 +4,7 @@
 
 Means of CC, MI, SSIM and the descriptor distance (``nablahog.metrics.DEFINITIONS``) over a folder of images of one
 size, with their 95 % bootstrap intervals, and the CPU time of `reconstruct` on the whole batch, divided by the number
-of images.  With ``--peers`` so many images are inverted one by one in turns, also by CNN-HOG's schedule of 800 steps
+of images.  ``--peers``: this many images are inverted one by one in turns, also by CNN-HOG's schedule of 800 steps
 and by the paper's own search.
 """
 
@@ -102,8 +102,8 @@ def main() -> None:
     parser.add_argument("--images", type=Path, metavar="DIR", help="by default scikit-image's, at 128x128")
     parser.add_argument("--preset", default="uoctti")
     parser.add_argument("--quality", nargs="+", default=["fast", "best"])
-    parser.add_argument("--every", type=int, default=1, help="only each so many-th image")
-    parser.add_argument("--peers", type=int, default=0, help="images that others invert, too")
+    parser.add_argument("--every", type=int, default=1, help="take every N-th image only")
+    parser.add_argument("--peers", type=int, default=0, help="how many images the other methods invert, too")
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)

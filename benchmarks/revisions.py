@@ -86,7 +86,7 @@ class Checkout:
         )
 
     def milliseconds(self, case: str) -> float:
-        """Of a call."""
+        """Milliseconds of a call."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.write(f"{case}\n")
@@ -98,7 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", type=Path, nargs=2, metavar="CHECKOUT")
     parser.add_argument("--starts", type=int, default=7, help="pairs of processes, at least 2")
-    parser.add_argument("--cases", default="", help="only cases with all these words")
+    parser.add_argument("--cases", default="", help="measure only cases with all these words")
     options = parser.parse_args()
     cases = [case for case in CASES if set(options.cases.split()) <= set(case.split())]
     ratios: dict[str, list[float]] = {case: [] for case in cases}

@@ -23,7 +23,7 @@ from .runtime.lazy import names_when_used
 Image: TypeAlias = Tensor | ArrayLike
 BINS = 256
 WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
-VIEWS = (4, 8, 16, 24)  # numbers of equal views into which the azimuth is divided, for the columns of Table 2
+VIEWS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -41,7 +41,7 @@ DEFINITIONS = {
 
 def _pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if np.ma.is_masked(a) or np.ma.is_masked(b):
-        raise ValueError("expected images with all their numbers, got an array that masks some")
+        raise ValueError("expected images without masked pixels, got an array that masks some")
     first, second = _values(a), _values(b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
         hint = ": write image[0, 0] for each image of a batch" if 4 in (first.ndim, second.ndim) else ""

@@ -50,7 +50,7 @@ def test_a_hole_with_a_slit() -> None:
 
 
 def test_what_is_refused() -> None:
-    with pytest.raises(ValueError, match="a vertex that it does not hold"):
+    with pytest.raises(ValueError, match="a vertex that the file does not hold"):
         triangulated(np.zeros((3, 3)), np.array([0, 1, 3]), np.array([3]))
     angles = np.linspace(0, 2 * np.pi, MOST_CORNERS + 2)[:-1]
     gear = np.stack([np.cos(angles), np.sin(angles), 0 * angles], 1) * (1 + np.arange(len(angles))[:, None] % 2)

@@ -19,15 +19,15 @@ from .steps import histograms_reference, normalize_reference
 
 Both: TypeAlias = tuple[Tensor, Tensor]
 
-# Any below stands for what PyTorch hands to a Function without a type: ``ctx``, ``info`` and the inputs of ``vmap``
+# ``Any`` below is the type of what PyTorch passes to a Function untyped: ``ctx``, ``info`` and the inputs of ``vmap``
 
 
 @dataclass(frozen=True)
 class Step:
     """A step of an engine, its derivatives, and the same step in operations of PyTorch.
 
-    ``run`` returns the output and what the derivatives need, (B, numbers).  ``vjp`` maps the input, that tensor and the
-    gradient of the output to the gradient of the input, ``jvp`` tangents the other way.
+    ``run`` returns the output and a tensor (B, n) for the derivatives.  ``vjp`` maps the input, that tensor and the
+    gradient of the output to the gradient of the input; ``jvp`` maps the input's tangent to the output's.
     """
 
     run: Callable[[Tensor, HOGSpec], tuple[Tensor, Tensor]]
@@ -55,7 +55,7 @@ def jvp_by_vjp(function: Callable[..., Tensor], at: tuple[Tensor, ...], tangents
 _transforms_active: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 
 
-# gradients of a batch, by ``is_grads_batched`` of torch.autograd.grad: only PyTorch's own functions can look into them
+# whether a gradient is batched (``is_grads_batched`` of torch.autograd.grad): only PyTorch's own functions can read it
 _batched: Callable[[Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
 
 
@@ -90,7 +90,7 @@ class _Simple(Function):
         return ctx.step.vjp(x.detach(), saved, grad_output.resolve_neg(), ctx.spec), None, None
 
 
-# calls the C++ function behind it, which does not look for transforms once more
+# the C++ function behind ``Function.apply``: unlike that, it does not check for transforms again
 _simple: Callable[[Tensor, Step, HOGSpec], Tensor] = super(Function, _Simple).apply
 
 

@@ -32,7 +32,7 @@ class Box(NamedTuple):
         """
         sides = tuple(sides)
         if len(sides) != 4:
-            raise ValueError(f"a box must be x0, y0, x1, y1, got {sides}")
+            raise ValueError(f"a box must be four numbers x0, y0, x1, y1, got {sides}")
         return cls(*sides)
 
     @property

@@ -8,16 +8,16 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
 
-LEAST, MOST = 1e-12, 1e12  # constants: their cubes are finite in float32
+LEAST, MOST = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
 LONGEST_SIDE = 1_000_000  # in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
-"""Of each class by field: its type and its check, read once, since torch.compile cannot trace how types are read."""
+"""For each class, the type and check of each field; read once, since torch.compile cannot trace the reading."""
 
 
 def check_fields(part: object, *others: str) -> None:
     """Checks the fields of a frozen dataclass by their types; lists become tuples, and integers floats.
 
-    A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of other types than these, literals
+    A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of types other than these, literals
     and truth values are left to the class, and so are the ``others``.
     """
     if type(part) not in _CHECKS:
@@ -83,5 +83,5 @@ def pair(size: int | tuple[int, int]) -> tuple[int, int]:
 
 
 def shortened(value: object) -> str:
-    """A wrong value, for a sentence: at most 60 characters of it."""
+    """A wrong value in at most 60 characters, for an error message."""
     return one_line(repr(value), 60)

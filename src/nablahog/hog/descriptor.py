@@ -120,7 +120,7 @@ def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) 
     halves = isinstance(images, Tensor) and images.dtype in HALVES
     values = images.float() if halves and not (images.is_cuda and _on_gpu(images, backend)) else images
     _check(values, spec, backend)
-    values = values.resolve_neg()  # whose sign may be a bit that loops do not see
+    values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
     advise(values, spec)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
@@ -161,7 +161,7 @@ class HOG(nn.Module):
 
 
 def _on_gpu(images: Tensor, backend: Backend) -> bool:
-    """Whether Triton's kernels are to compute it.  Raises if they were asked for and cannot."""
+    """Whether Triton's kernels compute the descriptor.  Raises if ``backend`` asks for them and they cannot."""
     if backend == "triton":
         gpu.check(images.device)
     return backend == "triton" or (backend == "auto" and gpu.chosen(images.device))
@@ -179,7 +179,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
     native = _on_cpu(images, spec, backend)
     triton = not native and _on_gpu(images, backend)
     if (native or (triton and images.is_cuda)) and in_graph(images):
-        from .operators import cells as cells_operator  # a graph of PyTorch 2.10 takes no package from an import
+        from .operators import cells as cells_operator  # PyTorch 2.10 cannot trace the import of a package
 
         spec.grid(*images.shape[2:])
         cells: Tensor = cells_operator(images, spec.to_json())
@@ -190,7 +190,7 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
         from .triton import steps
 
         return steps.histograms(images, spec)
-    spec.grid(*images.shape[-2:])  # or it is too small; the engines check this with their cached tables
+    spec.grid(*images.shape[-2:])  # raises if the image is too small, as the engines do with their cached tables
     return histograms_reference(images, spec)
 
 
@@ -204,7 +204,7 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
         spec.grid(*images.shape[2:])
         descriptors: Tensor = describe_operator(images, spec.to_json())
         return descriptors
-    if images.is_meta:  # a graph, but no values
+    if images.is_meta:  # tensors without values, but with a graph
         shape = len(images), *spec.grid(*images.shape[-2:]), spec.channels
         dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
         return images.to(dtype).sum((1, 2, 3)).reshape(-1, 1, 1, 1).expand(shape).contiguous()

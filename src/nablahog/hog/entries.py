@@ -43,7 +43,7 @@ def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]
 
 
 def of_nearest_cells(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
-    """Entries (B, n, …) of :func:`cell_entries` for all cells of an image: one without takes the nearest cell's."""
+    """Entries (B, n, …) of :func:`cell_entries` for all cells of an image: missing ones are the nearest cell's."""
     for axis, covered in enumerate(covered_cells(spec, size)):
         known, cells = covered.nonzero().squeeze(1), torch.arange(len(covered), device="cpu")
         nearest = known[(cells.unsqueeze(1) - known).abs().argmin(dim=1)] - spec.normalizer.footprint(axis).margin

@@ -13,7 +13,7 @@ from ..runtime.pytorch import in_float64
 from .spec import COLOURS, Border, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
-BLACK = 1e-9  # up to this a value is black: second derivatives of smaller roots overflow a float32
+BLACK = 1e-9  # values up to this count as black: second derivatives of their roots overflow a float32
 _GROUP = 8  # columns that dlib computes at a time
 
 
@@ -63,7 +63,7 @@ def _difference(image: Tensor, dim: int, spec: HOGSpec) -> Tensor:
     """The mask [-1, 0, 1] along ``dim`` (-1: x, -2: y), same shape as the image."""
     n = image.shape[dim]
     if n == 1:
-        return image - image  # by every border rule the two neighbours of a lone pixel are equal
+        return image - image  # under every border rule, the two neighbours of a lone pixel are equal
     central = image.narrow(dim, 2, n - 2) - image.narrow(dim, 0, n - 2)
     rule = BORDERS[spec.border]
     if rule.times == 0:
@@ -121,7 +121,7 @@ def last_of_equals(spec: HOGSpec, height: int, width: int) -> npt.NDArray[np.boo
 
 
 def _winner(squared: Tensor, spec: HOGSpec) -> Tensor:
-    """The channel (B, 1, H, W) of largest magnitude, of equals the spec's."""
+    """The channel (B, 1, H, W) of largest magnitude; among equal ones, that of ``spec.colour_ties``."""
     # max, unlike argmax on some devices, is documented to return the first of equal maxima
     first = squared.max(dim=1, keepdim=True).indices
     if spec.colour_ties == "first":

@@ -113,7 +113,7 @@ def _pixels(name: str, images: object) -> NDArray[Any]:
 
 def _tensor(name: str, array: NDArray[Any]) -> Tensor:
     if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
-        raise ValueError(f"{name} must have all its numbers, got an array that masks some: fill them, array.filled(0)")
+        raise ValueError(f"{name} must have no masked entries, got an array that masks some: write array.filled(0)")
     if array.dtype.kind not in "uifb":
         raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}")
     # PyTorch takes no other byte order and no odd strides, and warns about memory that is read only
@@ -158,11 +158,11 @@ def advise(images: Tensor, spec: HOGSpec) -> None:
 def _is_beyond(images: Tensor) -> bool:
     try:
         values = images.detach().numpy()[..., ::STEP, ::STEP]  # a microsecond, where slices of tensors take four
-    except RuntimeError:  # of a transform of torch.func, a dual number, without storage
+    except RuntimeError:  # dual numbers and tensors of torch.func's transforms have no storage
         return False
     if not values.size:
         return False
-    # images that are not finite have no range; half of a centred one is above 0
+    # images that are not finite have no range; of centred ones, the largest value tells enough
     return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
 
 

@@ -37,7 +37,7 @@ def _arrangement(spec: HOGSpec, rows: int, cols: int) -> _Arrangement:
             raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")
         sizes = rows // PATCH, PATCH, cols // PATCH, PATCH, channels
         return _Arrangement(sizes, (0, 2, 4, 1, 3), (rows * cols // PATCH**2, channels * PATCH**2))
-    assert spec.normalizer.layout_block is not None  # HOGSpec sees to it
+    assert spec.normalizer.layout_block is not None  # HOGSpec has checked it
     sizes = rows, cols, *spec.normalizer.layout_block, spec.bins
     order = (1, 0, 3, 2, 4) if spec.layout == "opencv-vector" else (0, 1, 2, 3, 4)
     return _Arrangement(sizes, order, sizes if spec.layout == "blocks" else (rows * cols * channels,))

@@ -179,9 +179,9 @@ def _nearest_axes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 def beginnings(spec: HOGSpec) -> tuple[list[tuple[float, float, bool]], int]:
     """Lower ends of bins, sorted by angle: cos, sin, and whether in the first half turn; and the bin of the first."""
     width = spec.period / spec.bins
-    # a beginning of 0 must not be taken for one of a whole period
+    # rounding must not turn a start of 0 into one of a whole period
     starts = [((k + spec.bin_offset - 0.5) * width + _SLACK) % spec.period - _SLACK for k in range(spec.bins)]
-    # rounded: equal where they should be
+    # rounded, so that numbers that should be equal are
     table = [(round(math.cos(start), 12), round(math.sin(start), 12), start < math.pi) for start in sorted(starts)]
     return table, starts.index(min(starts))
 
@@ -217,12 +217,12 @@ def _whole(bins: Callable[[Tensor, Tensor, HOGSpec], Tensor]) -> Callable[[Tenso
 class VoteRule(NamedTuple):
     """How the vote of a pixel is shared among bins.
 
-    ``shares`` makes of gradients (B, H, W) candidate bins (B, n, H, W) and the weights of the vote in these.
+    ``shares`` maps gradients (B, H, W) to candidate bins (B, n, H, W) and the weights of the vote in these.
     """
 
     shares: Callable[[Tensor, Tensor, HOGSpec], Shares]
-    name: str  # by which engines know it
-    hard: bool = False  # all of it goes to one bin, and the derivative is that of the magnitude
+    name: str  # by which the engines choose their loops
+    hard: bool = False  # the whole vote goes to one bin, and its derivative is that of the magnitude
     inexact: bool = False  # the derivative is by another angle than the votes
 
 
@@ -265,7 +265,7 @@ def votes(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
     cast = _cast(gx, gy, rule, spec)
     if spec.derivative == "own" or not rule.hard:
         return cast
-    # no spec of its own: torch.compile cannot trace the making of one
+    # not by a spec with linear votes: torch.compile cannot trace the making of one
     linear = _cast(gx, gy, LINEAR_VOTES["exact"], spec)
     return linear - linear.detach() + cast.detach()
 

@@ -227,11 +227,11 @@ class BlockCells(Pooling):
     def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:
         """Blocks must be whole cells, and be those of the normaliser."""
         if any(b % c for b, c in zip(self.block, cell_size, strict=True)):
-            raise ValueError(f"blocks of {self.block} pixels are not whole cells of {cell_size}")
+            raise ValueError(f"blocks of {self.block} pixels must be whole cells of {cell_size} pixels")
         cells = self.block[0] // cell_size[0], self.block[1] // cell_size[1]
         blocks = [Footprint(step=n, extent=n) for n in cells]
         if [normalizer.footprint(axis) for axis in (0, 1)] != blocks or normalizer.reach() != 0:
-            raise ValueError(f"votes within blocks go with a BlockNorm of block and step {cells}")
+            raise ValueError(f"BlockCells go with a BlockNorm whose block and step are both {cells} cells")
 
     def spacing(self, cell: int, axis: int) -> Spacing:
         return Spacing(self.step[axis], self.block[axis] // cell)

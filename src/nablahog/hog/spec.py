@@ -115,7 +115,7 @@ class HOGSpec:
         if type(self.bins) is not int or not 3 <= self.bins <= MOST_BINS:
             raise ValueError(f"bins must be an integer in 3 … {MOST_BINS}, got {shortened(self.bins)}")
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
-            raise ValueError(f"bin_offset must lie in [0, bins), in bins, got {shortened(self.bin_offset)}")
+            raise ValueError(f"bin_offset must lie in [0, bins), got {shortened(self.bin_offset)}")
         _check_kind("normalizer", self.normalizer, NORMALIZERS)
         _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
@@ -132,15 +132,15 @@ class HOGSpec:
                 f"{self.bins}"
             )
         if self.angle == "opencv" and self.counterclockwise:
-            raise ValueError("angle 'opencv' goes with bins that follow each other clockwise")
+            raise ValueError("the angle 'opencv' goes with clockwise bins: counterclockwise must be False")
         if self.angle == "vlfeat" and (self.bin_offset or self.counterclockwise):
-            raise ValueError("angle 'vlfeat' goes with bins of which the first is centred at 0, clockwise")
+            raise ValueError("the angle 'vlfeat' goes with clockwise bins and bin_offset 0")
         self.pooling.check(self.cell_size, self.normalizer)
         if self.layout == "colour-planes" and self.colour != "separate":
-            raise ValueError("the layout 'colour-planes' goes with separate colours")
+            raise ValueError(f"the layout 'colour-planes' goes with colour 'separate', got {self.colour!r}")
         of_blocks = self.normalizer.layout_block is not None and self.colour != "separate"
         if self.layout in ("blocks", "block-vector", "opencv-vector") and not of_blocks:
-            raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with separate colours")
+            raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with colour 'separate'")
 
     @property
     def named(self) -> str:
@@ -210,13 +210,13 @@ class HOGSpec:
     def check_channels(self, channels: int) -> None:
         """Raises ValueError if images with this number of channels have no descriptor."""
         if self.colour == "separate" and channels not in (1, COLOURS):
-            raise ValueError(f"{self.named} descriptor is of images of 1 or {COLOURS} channels, got {channels}")
+            raise ValueError(f"{self.named} descriptor needs images of 1 or {COLOURS} channels, got {channels}")
 
     def check_same(self, other: HOGSpec, learned: str) -> None:
         """Raises ValueError if ``other`` is not this dialect, for which ``learned`` was learned."""
         for each in dataclasses.fields(self):
             ours, theirs = getattr(self, each.name), getattr(other, each.name)
-            if each.name not in ("name", "layout", "derivative") and ours != theirs:  # these decide nothing
+            if each.name not in ("name", "layout", "derivative") and ours != theirs:  # these three change no entry
                 raise ValueError(
                     f"{learned} was learned for another spec: its {each.name} is {ours!r}, "
                     f"the {other.name} descriptor's {theirs!r}"

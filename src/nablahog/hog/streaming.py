@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 MEMORY = 2**28  # bytes of a strip
-_SUMMED = 256  # numbers that the compiled global normaliser sums in their own precision
+_SUMMED = 256  # the compiled global normaliser sums so many numbers in their own precision, then in double
 _CPU = torch.device("cpu")
 
 
@@ -116,7 +116,7 @@ class _Reader:
         except (AttributeError, TypeError):
             came = what_came(image, "np.load(path, mmap_mode='r') or PIL.Image.open(path)", "one call for each")
             raise TypeError(
-                f"image must be an array, or have a shape, dtype of numpy's and rows [start:stop] like one, got {came}"
+                f"image must be an array, or have a shape, a NumPy dtype and rows [start:stop], got {came}"
             ) from None
         self.stored: np.dtype[Any] = dtype.newbyteorder("=")
         if self.stored not in (np.uint8, np.float32, np.float64):

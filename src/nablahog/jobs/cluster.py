@@ -71,7 +71,7 @@ def run_on_cluster(
             future.add_done_callback(ended.put)
 
         while queue or suspects or at_work:
-            if not queue and not at_work:  # Dask blames tasks, too, that only waited for a worker that died
+            if not queue and not at_work:  # Dask also blames tasks that were only queued on a worker that died
                 tried_alone.add(suspects[0])
                 send(suspects.popleft())
             if queue and time.monotonic() > counted + RECOUNT:
@@ -83,7 +83,7 @@ def run_on_cluster(
             except Empty:
                 _check_workers(client, cluster)
                 continue
-            if future.status == "lost":  # with its worker, before it was read; Dask computes it again
+            if future.status == "lost":  # the result, with its worker; Dask computes it again
                 future.add_done_callback(ended.put)
                 continue
             index = at_work.pop(future.key)
@@ -96,7 +96,7 @@ def run_on_cluster(
                 answer = DIED
             except (*LOST, ChildProcessError):
                 raise
-            except Exception as error:  # not of the job: perhaps workers have another version
+            except Exception as error:  # not raised by the job: workers may have another version of the package
                 answer = f"{type(error).__name__}: {' '.join(str(error).split())}"
             yield index, answer
 

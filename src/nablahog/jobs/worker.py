@@ -20,7 +20,7 @@ R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 
 CGROUP = Path("/sys/fs/cgroup")
-DIED = "the process at work on it died, and died again when it ran alone"
+DIED = "the process at work on it died, and died again when the job ran alone"
 _COPIES: dict[str, Path] = {}
 _FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
 

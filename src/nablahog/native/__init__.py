@@ -39,7 +39,7 @@ def library() -> ctypes.CDLL | None:
     """
     wanted = os.environ.get(INSTRUCTIONS, "v4")
     if wanted not in _LEVELS:
-        raise ValueError(f"{INSTRUCTIONS} must be one of {', '.join(_LEVELS)}, not {wanted!r}")
+        raise ValueError(f"{INSTRUCTIONS} must be one of {', '.join(_LEVELS)}, got {wanted!r}")
     if wanted == "none":
         return None
     core = Path(os.environ.get(FOLDER, _SOURCES)) / "core.so"  # on every system

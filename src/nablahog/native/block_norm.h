@@ -74,7 +74,7 @@ class BlockNorm final : public Normalizer<T> {
     });
   }
 
-  // The first normalisation of the line x; the result is a factor, which is returned, times x.
+  // Normalises the line x for the first time, up to a factor, which is returned: the result is the factor times x.
   template <class L, class S>
   [[gnu::always_inline]] S normalize_block(L x, S total) const {
     const S factor = first_factor(total);
@@ -95,7 +95,7 @@ class BlockNorm final : public Normalizer<T> {
     return factor;
   }
 
-  // From the line `grad_`, of the result, to that of the histograms
+  // Turns `grad_`, the gradient with respect to the result, into that with respect to the histograms.
   void block_vjp(T total) {
     const T factor = first_factor(total);
     T* x = x_.value;

@@ -168,7 +168,7 @@ template <class N, class S>
   return {x.value * factor, x.tangent * factor};
 }
 
-// Of numbers and vectors
+// For numbers and vectors
 template <class N>
 [[gnu::always_inline]] inline N root(N x) {
   if constexpr (std::is_arithmetic_v<N>) {
@@ -193,7 +193,7 @@ inline Dual<T> reciprocal(Dual<T> x) {
   return {value, -(value * value) * x.tangent};
 }
 
-// At least some number, whose tangent is 0
+// The larger of x and a number, whose tangent is 0
 template <class T>
 inline T at_least(T x, T least) {
   return x < least ? least : x;

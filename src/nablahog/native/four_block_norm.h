@@ -165,8 +165,7 @@ class FourBlockNorm final : public Normalizer<T> {
     }
   }
 
-  // ---- Forward
-  // --------------------------------------------------------------------------------------------------------
+  // ---- Forward ------------------------------------------------------------------------------------------------------
 
   template <class P, class Q, class L>
   void normalize(P cells, Q out, L energies, L factors, L channels) const {
@@ -221,8 +220,7 @@ class FourBlockNorm final : public Normalizer<T> {
     for (int block = 0; block < 4 && wanted; ++block) totals.of[block] = sum(sums[block]);
   }
 
-  // ---- Vjp
-  // ------------------------------------------------------------------------------------------------------------
+  // ---- Vjp ----------------------------------------------------------------------------------------------------------
 
   // Gradients with respect to each block's total
   Blocks<T> grad_totals(const T* grad, bool directed) const {

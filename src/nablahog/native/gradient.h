@@ -126,7 +126,7 @@ class Reader {
     return {u, v, winner};
   }
 
-  const int64_t channels;  // that are compared
+  const int64_t channels;  // channels that are compared
 
  private:
   static constexpr bool dual = is_dual<V>;
@@ -206,7 +206,7 @@ class Reader {
     if (plan_.square_root) {
       for (int64_t x = 0; x < width; ++x) {
         const T value = scale * T(from[x * step]);
-        const T root = weight * (value <= black ? value * 0 + 0 : std::sqrt(value));  // of -∞ NaN, of others 0
+        const T root = weight * (value <= black ? value * 0 + 0 : std::sqrt(value));  // NaN for -∞, 0 for other values
         to[x] = first ? root : to[x] + root;
       }
     } else if (!plan_.averaged) {

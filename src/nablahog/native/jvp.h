@@ -14,7 +14,7 @@ struct VoteTangents {
   V here, after, before;
 };
 
-// By the tangent of the magnitude; of hard votes f is 0.
+// The part by the tangent of the magnitude; of hard votes f is 0.
 template <class V>
 [[gnu::always_inline]] inline VoteTangents<V> along_jvp(V m, V f, V u, V v, V du, V dv) {
   using T = Element<V>;
@@ -22,7 +22,7 @@ template <class V>
   return {longer - far, far, V{}};
 }
 
-// By that of the angle
+// The part by the tangent of the angle
 template <class V>
 [[gnu::always_inline]] inline VoteTangents<V> across_jvp(V m, V f, V u, V v, V du, V dv, V slope) {
   using T = Element<V>;

@@ -17,7 +17,7 @@ struct Corner {
 
 // Blocks (columns, rows, numbers) that serve some windows
 struct Grid {
-  std::vector<float> blocks;     // and a vector more
+  std::vector<float> blocks;     // with room for a vector more
   int64_t column;                // numbers of a column
   std::vector<int64_t> windows;  // their numbers
   std::vector<int64_t> starts;   // where they begin

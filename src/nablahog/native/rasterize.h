@@ -14,11 +14,11 @@
 namespace nablahog::rendering {
 
 // A vertex on the screen: x and y in samples, sample (row i, column j) being at (j + ½, i + ½), and w = 1 / depth.
-// What has a vertex with w = 0 is not drawn.
+// Triangles and edges with a vertex at w = 0 are not drawn.
 template <class T>
 using Point = std::array<T, 3>;
 
-// Of each corner, the vertex
+// The vertices of each triangle's corners
 using Face = std::array<int32_t, 3>;
 
 // Samples of a box in the image

@@ -102,7 +102,7 @@ class Vjp {
       } else {
         const V f = load<V>(f_ + x), along = along_vjp(m, grad.here + f * (grad.after - grad.here));
         V across;
-        if constexpr (Rule::inexact) {  // derivatives by the angle are those of the exact one
+        if constexpr (Rule::inexact) {  // derivatives are by the exact angle
           const Votes<T> exact = exact_(gx, gy);
           store(exact_bin_ + x, exact.bin);
           across = across_vjp(m, exact.f, pooling_.template read<false>(x, exact_bin_), slope);

@@ -27,7 +27,7 @@ template <class T>
   using V = Vec<float>;
   constexpr float odd[] = {0.3183086485f,  -0.1060524763f,  0.06305023492f, -0.04212303499f,
                            0.02534499976f, -0.01069655349f, 0.002168260411f};
-  const V au = abs(u), av = abs(v), least = splat<V>(0x1p-120f);  // of no gradient, some number
+  const V au = abs(u), av = abs(v), least = splat<V>(0x1p-120f);  // of a zero gradient, any number
   const auto steep = au < av;
   const V small = steep ? au : av, large = steep ? av : au, t = small / (large < least ? least : large);
   V turn = t * polynomial(t * t, odd);

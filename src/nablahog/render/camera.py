@@ -76,7 +76,7 @@ class Camera:
         if not (0 < self.focal < math.inf):
             raise ValueError(f"the focal length must be a finite number of pixels above 0, got {self.focal!r}")
         if self.height < 1 or self.width < 1:
-            raise ValueError(f"an image has at least 1x1 pixels, got {self.height}x{self.width}")
+            raise ValueError(f"an image must have at least 1x1 pixels, got {self.height}x{self.width}")
 
     @classmethod
     def from_field_of_view(cls, degrees: float, height: int, width: int) -> Camera:

@@ -101,7 +101,7 @@ def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
     """
     check_poses(pose)
     if len(pose) != 1:
-        raise ValueError(f"expected one pose (1, 6), got {tuple(pose.shape)}")
+        raise ValueError(f"expected one pose (1, 6), got shape {tuple(pose.shape)}")
     azimuth, elevation, distance, theta, x, y = pose[0].tolist()
     focal = camera.focal / VIEWPORT
     px, py = x + camera.width / 2 + 0.5, y + camera.height / 2 + 0.5

@@ -261,4 +261,4 @@ def _check_tree(nodes: Sequence[dict[str, Any]]) -> None:
                 raise ValueError(f"its nodes are nested in more than {MAX_DEPTH} levels, or in a circle")
         levels += depth
         if levels > MAX_LEVELS:
-            raise ValueError(f"at most {MAX_LEVELS:,} nodes above others are allowed, counted from each")
+            raise ValueError(f"at most {MAX_LEVELS:,} ancestors are allowed, summed over all nodes")

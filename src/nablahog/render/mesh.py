@@ -88,7 +88,7 @@ class Mesh:
             raise ValueError("brightness must lie in 0…1")
 
     def __repr__(self) -> str:
-        """Sizes, not the corners."""
+        """The numbers of vertices and faces."""
         return f"<Mesh {len(self.vertices)} vertices, {len(self.faces)} faces>"
 
     @property
@@ -224,11 +224,11 @@ def axes(up: str, front: str | None = None) -> Integers:
     upwards = _axis("up", up)
     front = FRONTS.get(up.lstrip("+")) if front is None else front
     if front is None:
-        raise ValueError(f"a model whose up is {up!r} has no usual front: expected front, too, such as '-y'")
+        raise ValueError(f"with up {up!r} there is no usual front: give front, too, such as '-y'")
     ahead = _axis("front", front)
     right = np.cross(upwards, ahead)
     if not right.any():
-        raise ValueError(f"up and front must be two axes, got {up!r} and {front!r}")
+        raise ValueError(f"up and front must be two axes that differ, got {up!r} and {front!r}")
     return np.stack([right, -ahead, upwards])
 
 

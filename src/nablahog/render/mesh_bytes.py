@@ -111,7 +111,7 @@ def _cut(lines: Sequence[bytes], polygons: Mapping[int, list[bytes]]) -> Iterato
     corners = list(chain.from_iterable(polygons.values()))
     at = np.array([int(each.partition(b"/")[0]) - 1 for each in corners])
     if at.max() >= len(vertices):
-        raise ValueError("a face refers to a vertex that it does not hold")
+        raise ValueError("a face refers to a vertex that the file does not hold")
     counts = np.array([len(each) for each in polygons.values()])
     triangles, which = triangulated(vertices[at], np.arange(len(at)), counts)
     starts = np.searchsorted(which, np.arange(len(counts) + 1))

@@ -42,13 +42,13 @@ ENDINGS = tuple(_FORMATS)
 _OPTIONS = re.compile(r"^\s*(?:-[a-z]+(?:\s+(?:[-+.\d]+(?:e[-+]?\d+)?|on|off|[rgbmlz]))+\s+)*", re.IGNORECASE)
 _LIBRARY = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
 _IMAGES = "images"  # ShapeNet's folder of textures, beside that of the mesh
-# errors of parsers, and how they are told
+# errors of parsers, and what is said instead
 _NO_NUMBER = re.compile(
     r"(?:could not convert string to float|invalid literal for int\(\).*?): (?:np\.\w+\()?b?'([^']*)'"
 )
 _REASONS = {
     "inhomogeneous shape": "its vertices do not have three coordinates each",
-    "is out of bounds for axis": "a face refers to a vertex that it does not hold",
+    "is out of bounds for axis": "a face refers to a vertex that the file does not hold",
     "could not be read to its end": "expected numbers with decimal points",
 }
 _SHRUNK = (0, 0)  # the key of a texture's small version; no file can have it
@@ -67,12 +67,12 @@ def read_soup(path: Path) -> Soup:
     kind = _FORMATS.get(path.suffix.lower())
     if kind is None:
         expected = ", ".join(ENDINGS)
-        raise ValueError(f"{path}: expected a mesh file ({expected}), got the ending {path.suffix or 'of no kind'!r}")
+        raise ValueError(f"{path}: expected a mesh file ({expected}), got the ending {path.suffix!r}")
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path}: a mesh file of more than {MAX_BYTES:,} bytes is refused")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about odd numbers
-        warnings.simplefilter("error", Image.DecompressionBombWarning)  # such a texture counts as unreadable
+        warnings.simplefilter("ignore")  # NumPy warns of odd numbers
+        warnings.simplefilter("error", Image.DecompressionBombWarning)  # a texture too large counts as unreadable
         try:
             return _joined(list(_pieces(path, kind)))
         except Exception as error:  # parsers of damaged files raise nearly anything

@@ -26,18 +26,18 @@ def read_off(text: str) -> Soup:
     lines = [line for line in (line.partition("#")[0].strip() for line in text.splitlines()) if line]
     head = _GLUED.sub(r"\1 ", lines[0]) if lines else ""
     keyword = _KEYWORD.match(head)
-    if keyword is None and head[:1].isdigit():  # it may be left out
+    if keyword is None and head[:1].isdigit():  # the keyword may be left out
         keyword = _KEYWORD.match(head := f"OFF {head}")
     if keyword is None:
         raise ValueError("it does not begin with OFF, or COFF and the like")
     letters = keyword[1]
     if keyword[2] or "BINARY" in head:
-        raise ValueError(f"it begins with {head[:40]!r}, and only text with three coordinates a vertex is read")
+        raise ValueError(f"it begins with {head[:40]!r}: expected text with three coordinates a vertex")
     (vertex_count, face_count), lines = _counts([head[keyword.end() :], *lines[1:]])
     if min(vertex_count, face_count) < 0 or len(lines) < vertex_count + face_count:
-        promised = f"{vertex_count:,} vertices and {face_count:,} faces"
-        raise ValueError(f"it promises {promised}, each on a line of its own, but has {len(lines):,} lines of them")
-    first = 6 if "N" in letters else 3  # of the colours, behind place and normal
+        promised = f"{vertex_count:,} + {face_count:,} lines of vertices and faces"
+        raise ValueError(f"it promises {promised}, but has {len(lines):,}")
+    first = 6 if "N" in letters else 3  # column of the first colour, behind position and normal
     rows = [line.split() for line in lines[:vertex_count]]
     if any(len(row) < 3 for row in rows):
         raise ValueError("its vertices do not have three coordinates each")
@@ -48,11 +48,11 @@ def read_off(text: str) -> Soup:
     for line in lines[vertex_count : vertex_count + face_count]:
         count, *numbers = line.split()
         if len(numbers) < int(count):
-            raise ValueError(f"a face should have {count} corners, and has {len(numbers)}")
+            raise ValueError(f"expected a face of {count} vertex indices, got {len(numbers)}")
         corners.append(list(map(int, numbers[: int(count)])))
         colours.append(numbers[int(count) : int(count) + 4])
     of_corners = None
-    coloured = [number for number, each in enumerate(colours) if len(each) >= 3]  # others have one of a table, or none
+    coloured = [number for number, each in enumerate(colours) if len(each) >= 3]  # others: a table's index, or none
     if coloured and of_vertices is None:
         of_faces = np.full(face_count, BRIGHTNESS)
         of_faces[coloured] = _brightness([colours[number] for number in coloured])

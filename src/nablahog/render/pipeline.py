@@ -62,7 +62,7 @@ def render_torch(
             render_torch(mesh, brightness, edges, poses[g], camera, behind[g], step, method, by_motion) for g in groups
         ]
         return torch.cat(images)[order]
-    beside = points[..., 2:].abs() < 1e-3 * near  # not drawn, but 1 / depth could be infinite and have no derivative
+    beside = points[..., 2:].abs() < 1e-3 * near  # not drawn; their 1 / depth may be infinite, without derivative
     screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
     screen = torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1).to(background.dtype)
 

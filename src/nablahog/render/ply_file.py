@@ -81,7 +81,7 @@ def header_of(data: bytes) -> Header:
         elif key == "property":
             kinds = words[1:-1] if words[0] == "list" else words[:1]
             if any(kind not in _TYPES for kind in kinds):
-                raise ValueError(f"its numbers have the type {' or '.join(kinds)}, which is none of PLY's")
+                raise ValueError(f"expected a type of PLY's, such as float or uchar, got the type {' '.join(kinds)}")
             length = _TYPES[kinds[0]] if words[0] == "list" else None
             elements[-1].properties.append(Property(words[-1].lower(), _TYPES[kinds[-1]], length))
     textures = re.findall(r"(?m)^\s*comment\s+TextureFile\s+(.*\S)", text.replace("\r", "\n"))
@@ -237,4 +237,4 @@ def _numbers(element: Element, data: bytes, kind: np.dtype[Any], count: int, at:
 
 
 def _too_few(element: Element) -> ValueError:
-    return ValueError(f"it promises {element.rows:,} rows of the element {element.name}, but has fewer")
+    return ValueError(f"it has fewer rows of the element {element.name} than it promises: {element.rows:,}")

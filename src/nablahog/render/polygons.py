@@ -55,7 +55,7 @@ def soup_of(
 def check_corners(corners: Integers, count: int) -> None:
     """Raises ValueError unless all corners are among ``count`` vertices."""
     if corners.size and not (corners.min() >= 0 and corners.max() < count):
-        raise ValueError("a face refers to a vertex that it does not hold")
+        raise ValueError("a face refers to a vertex that the file does not hold")
 
 
 def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple[Integers, Integers]:

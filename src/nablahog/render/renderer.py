@@ -27,7 +27,7 @@ _render = native.function("render", *_MESH, *_CAMERA, native.array(np.float64), 
 Method: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4
 LIGHT = Light()
-_ROUNDING = 1e-5  # that a background may leave 0…1 by
+_ROUNDING = 1e-5  # by which a background may leave 0…1
 
 
 class Rendering(NamedTuple):

@@ -57,5 +57,5 @@ def _of_text(text: bytes) -> Floats:
     corners = np.fromstring(b" ".join(found), sep=" ")
     loops = text.count(b"endloop")
     if corners.size != 3 * len(found) or len(found) % 3 or (loops and len(found) != 3 * loops):
-        raise ValueError("a facet has not three corners of three numbers each, with decimal points")
+        raise ValueError("a facet must have three corners of three numbers each, with decimal points")
     return corners.reshape(-1, 3)

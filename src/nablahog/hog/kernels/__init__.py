@@ -40,7 +40,7 @@ _DESCRIBE = Step(loops.describe, loops.describe_vjp, loops.describe_jvp, describ
 
 
 def supports(spec: HOGSpec) -> bool:
-    """Whether these loops have all that the dialect needs but, perhaps, its normaliser."""
+    """Whether these loops have all that the dialect needs, except perhaps its normaliser."""
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
     return not smoothed_border and native.available()
 
@@ -93,7 +93,7 @@ def norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
 
 
 def add_energy(values: NDArray[Any], total: float) -> float:
-    """``total`` plus the sum of squares of numbers (n,), rounded as by the native global normaliser after whole 256."""
+    """``total``, of whole blocks of 256, plus the squares of numbers (n,), rounded as in the native normaliser."""
     if native.available():
         return loops.add_energy(values, total)
     return total + float(np.square(values, dtype=np.float64).sum())

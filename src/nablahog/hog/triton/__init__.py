@@ -43,7 +43,7 @@ def _missing(device: torch.device) -> str:
 @cache
 def _say_once(why: str) -> None:
     warnings.warn(
-        f"hog computes by plain steps of PyTorch on this GPU, which take some forty times the image's memory. {why}",
+        f"hog runs in plain PyTorch on this GPU, which takes some forty times the image's memory. {why}",
         stacklevel=2,
     )
 

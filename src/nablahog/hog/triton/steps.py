@@ -32,7 +32,7 @@ VJP_ROWS, VJP_COLUMNS = 16, 32
 _VJP_WARPS = 4  # four pixels a thread
 _MOST_ROWS = 16  # of cells in a strip
 _SCHEDULERS = 4  # of a multiprocessor
-_ALONE = 1.5  # how much longer a warp takes, in a guess, that waits for memory without another one beside it
+_ALONE = 1.5  # a guess: how much longer a warp takes that waits for memory with no other warp beside it
 _START = 0.1  # of a program, in bands of rows of a strip
 
 
@@ -101,7 +101,7 @@ def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers
     of_chunk = -(-cols // chunks)
     side_by_side = LANES // (of_chunk + wide - 1)
 
-    def time(of_strip: int) -> float:  # of the scheduler with most programs, in bands of rows
+    def time(of_strip: int) -> float:  # of the scheduler with the most programs, in bands of rows
         programs = images * chunks * -(-rows // (of_strip * side_by_side))
         return max(-(-programs // schedulers), _ALONE) * (of_strip + high - 1 + _START)
 
@@ -120,7 +120,7 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     shape, count = (rows.cells, cols.cells, spec.bins), len(images) * spec.colours
     if math.prod(shape) >= 2**31:
         raise ValueError(
-            f"the backend 'triton' counts an image's cells with 32 bits, got {shape[0]}x{shape[1]} of {shape[2]} bins"
+            f"the backend 'triton' takes fewer than 2³¹ cells · bins an image, got {shape[0]}x{shape[1]} · {shape[2]}"
         )
     out = torch.empty(count, *shape, dtype=real_dtype(images), device=images.device)
     flags = out.new_zeros(count)
