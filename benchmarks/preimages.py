@@ -14,6 +14,7 @@ import argparse
 import time
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from nablahog import hog, metrics, presets, reconstruct
+from nablahog.hog import HOGSpec
 from nablahog.hog.gradient import gray
 from nablahog.invert import AsPublished, Search
 from nablahog.io.images import read_image
@@ -39,21 +41,22 @@ FIGURES: dict[str, Callable[[Tensor, Tensor], float]] = {
 }
 
 
-def photographs(folder: Path | None) -> Tensor:
-    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or those that scikit-image installs."""
+def photographs(folder: Path | None, side: int = SIDE) -> Tensor:
+    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or of scikit-image's those at least so large."""
     if folder is not None:
         files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
         return torch.stack([gray(read_image(file)[None])[0] for file in files])
     images = []
     for name in SAMPLES:
         picture = torch.from_numpy(np.atleast_3d(getattr(data, name)())).float()
-        side = min(picture.shape[:2])
-        square = gray(picture[:side, :side].permute(2, 0, 1)[None])
-        images.append(interpolate(square, size=(SIDE, SIDE), mode="area").round() / 255)
+        shorter = min(picture.shape[:2])
+        square = gray(picture[:shorter, :shorter].permute(2, 0, 1)[None])
+        if shorter >= side:
+            images.append(interpolate(square, size=(side, side), mode="area").round() / 255)
     return torch.cat(images)
 
 
-def pre_images(images: Tensor, preset: str = "uoctti", **choices: Any) -> tuple[dict[str, list[float]], float]:
+def pre_images(images: Tensor, preset: HOGSpec | str = "uoctti", **choices: Any) -> tuple[dict[str, list[float]], float]:
     """The figures of each image, and the seconds of the processor for one."""
     size, descriptors = (images.shape[2], images.shape[3]), hog(images, preset)
     reconstruct(descriptors[:1], preset, size, search=Search(max_evaluations=3))  # what runs first is slower
@@ -64,6 +67,19 @@ def pre_images(images: Tensor, preset: str = "uoctti", **choices: Any) -> tuple[
     figures = {name: [figure(*pair) for pair in pairs] for name, figure in FIGURES.items()}
     figures |= {"distance": result.distance.tolist(), "evaluations": result.evaluations.double().tolist()}
     return figures, seconds
+
+
+def by_size(sizes: list[int], cells: list[int]) -> str:
+    """CC, MI and SSIM by the size of images and cells, with the prior and without."""
+    rows = []
+    for side, cell_size in product(sizes, cells):
+        images = photographs(None, side)
+        figures = []
+        for prior in ("default", None):
+            each, seconds = pre_images(images, presets.uoctti(cell_size), prior=prior)
+            figures.append(" / ".join(f"{np.mean(each[name]):.3f}" for name in FIGURES) + f", {seconds:.1f} s")
+        rows.append([f"{side}x{side}", str(cell_size), str(len(images)), *figures])
+    return table(["image", "cells", "n", "prior: CC / MI / SSIM, CPU", "no prior"], rows)
 
 
 def beside_others(images: Tensor, qualities: list[str]) -> str:
@@ -105,8 +121,13 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="take every N-th image only")
     parser.add_argument("--peers", type=int, default=0, help="how many images the other methods invert, too")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--sizes", type=int, nargs="+", metavar="PIXELS", help="table by size instead")
+    parser.add_argument("--cells", type=int, nargs="+", metavar="PIXELS", default=[4, 8, 16])
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
+    if options.sizes:
+        print(by_size(options.sizes, options.cells))
+        return
     images = photographs(options.images)[:: options.every]
     print(f"{len(images)} images of {images.shape[3]}x{images.shape[2]}, {options.preset}, {options.threads} threads\n")
     generator, rows = np.random.default_rng(0), []

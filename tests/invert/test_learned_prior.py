@@ -22,8 +22,9 @@ from nablahog.invert import (
     reconstruct_samples,
     scale_descriptors,
 )
-from nablahog.invert.histograms import recover_histograms, searchable
+from nablahog.invert.histograms import recover_histograms, searchable, starting_images
 from nablahog.invert.learned import FOLDER, network_class
+from nablahog.invert.unknowns import to_cosines
 
 from ..io import tiny_models
 from ..io.archives import check_refused
@@ -159,6 +160,16 @@ def test_the_packages_priors_expect_photographs_and_no_negatives() -> None:
         for a, b in zip(expected, images, strict=True):
             assert float(torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1]) > least
     assert (default_prior("paper").polarity_confidence(images, hog(images, PAPER), PAPER) > 0.65).all()
+
+
+def test_what_is_larger_than_cells_comes_from_the_integral() -> None:
+    spec, size = presets.uoctti(4), (128, 128)
+    descriptor = hog(photograph(128, "camera"), spec)
+    votes = recover_histograms(descriptor, spec, size)
+    expected = default_prior(spec).expected(descriptor, spec, size, votes)
+    integral = starting_images(votes, spec, *size, count=1, seed=0, spread=0.0)[:, 0]
+    large, difference = (to_cosines(image)[..., :3, :3].abs().max() for image in (integral - 0.5, expected - integral))
+    assert difference < 0.02 * large
 
 
 def test_the_prior_decides_the_polarity() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -15,12 +16,15 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, check_weights, integers, with_weights
 from .arguments import check_descriptor
-from .histograms import at_contrast, searchable
+from .histograms import at_contrast, searchable, starting_images
 from .prior_network import Architecture, PriorNetwork, SignedNetwork
 from .provenance import NetworkLearning
+from .unknowns import low_pass
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
+SEEN = 16  # cells along a side of the images in training
+SMALL = 4.0  # pixels of a cell of which integrals give all that is larger than a cell
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
@@ -119,7 +123,10 @@ class LearnedPrior(LearnedModel):
         network = self._network_for(descriptor, spec, image_size)
         given = None if votes is None else votes.float()
         images, votes = network.predict(descriptor.float(), spec, image_size, given)
-        return at_contrast(images, votes, searchable(spec)).to(descriptor.dtype)
+        images = at_contrast(images, votes, searchable(spec))
+        if spec.signed:
+            images = _with_integral(images, votes, searchable(spec))
+        return images.to(descriptor.dtype)
 
     @torch.no_grad()
     def samples(
@@ -178,6 +185,19 @@ class LearnedPrior(LearnedModel):
 
     def _make(self) -> PriorNetwork:
         return network_class(self.spec)(self.architecture)
+
+
+def _with_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) with the largest structures of the integrals of the histograms ``votes``.
+
+    A network has seen 16x16 cells; errors that it makes in all cells of a sky add up.  Integrals are good at what is
+    large in cells, and the better the smaller the cells are.
+    """
+    height, width = images.shape[2:]
+    side = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
+    smallest = side * max(1.0, (side / SMALL) ** 3 * min(1.0, SEEN / (max(height, width) / side)))
+    integrals = starting_images(votes, spec, height, width, 1, 0, spread=0.0)[:, 0]
+    return images + low_pass(integrals - images, smallest)
 
 
 PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["default"] | None
