@@ -56,7 +56,9 @@ def photographs(folder: Path | None, side: int = SIDE) -> Tensor:
     return torch.cat(images)
 
 
-def pre_images(images: Tensor, preset: HOGSpec | str = "uoctti", **choices: Any) -> tuple[dict[str, list[float]], float]:
+def pre_images(
+    images: Tensor, preset: HOGSpec | str = "uoctti", **choices: Any
+) -> tuple[dict[str, list[float]], float]:
     """The figures of each image, and the seconds of the processor for one."""
     size, descriptors = (images.shape[2], images.shape[3]), hog(images, preset)
     reconstruct(descriptors[:1], preset, size, search=Search(max_evaluations=3))  # what runs first is slower

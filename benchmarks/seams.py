@@ -1,6 +1,6 @@
 """What detectors look for: how much do the borders of cells show, and what is to be seen?
 
-    python benchmarks/templates.py MODEL... [--sheet FILE.png]
+    python benchmarks/seams.py MODEL... [--sheet FILE.png]
 
 Models are files of voc-release5, or arrays of OpenCV's detectors (a vector, named …_WIDTHxHEIGHT.npy).  **Seams**: the
 mean |difference| of neighbouring pixels across borders of cells, divided by the mean inside cells; 1 where borders do
