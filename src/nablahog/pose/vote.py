@@ -37,7 +37,7 @@ _BLUR = 12.0  # degrees
 _RIVAL = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
-KNOWN = -8.76, 5.88, -3.31, 0.0  # of a single model
+KNOWN = -14.35, 7.34, -0.88, 0.0  # of a single model
 UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
 _TOLD_APART = 0.4  # similarity by which a single model's pose must lead another side's to be the likelier one, e : 1
 _RUNNERS_UP = 3  # poses from other sides that are kept
@@ -228,9 +228,9 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
 def confidence(similarity: float, rival: float, lead: float, agreement: float, *, known_model: bool) -> float:
     """The probability that the rotation is within 15°, or one from which the model looks the same.
 
-    Fitted to scenes of chairs with boxes of all kinds and to photographs without any, by ``benchmarks/confidence.py``
-    of revision 6cd399d; ``benchmarks/calibration.py`` says how well it holds.  A single model that fits another side as
-    well is as likely to be seen from there, however well it fits.
+    Fitted to scenes with boxes of all kinds and to photographs without the object: of a single model, of chairs and of
+    the objects of ``benchmarks/shapes.py``; of several, of chairs.  ``benchmarks/calibration.py`` measures it.
+    A single model that fits another side as well is as likely to be seen from there, however well it fits.
 
     Args:
         similarity: calibrated, of the best pose.

@@ -183,7 +183,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("expected a number above 0, exif or unknown", 2, focal="-3")
     check("expected a probability in 0…1", 2, **{"least-confidence": "1.5"})
     check("expected x, y or z, with a sign or without, got 'up'", 2, up="up")
-    check("up and front must be two axes, got 'z' and '-z'", up="z", front="-z")
+    check("got 'z' and '-z'", up="z", front="-z")
     check("models/bad.off: ", mesh=Path(folder, "bad.off"))
     check("its EXIF data has no focal length", focal="exif")
     check("--principal-point needs a known focal length", **{"principal-point": "80,70"})
