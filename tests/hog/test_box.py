@@ -123,7 +123,7 @@ def test_lists_and_arrays_are_accepted(sides: list[float]) -> None:
 
 
 def test_four_numbers() -> None:
-    with pytest.raises(ValueError, match="a box must be x0, y0, x1, y1"):
+    with pytest.raises(ValueError, match="x0, y0, x1, y1"):
         Box.of([1, 2, 3])
 
 

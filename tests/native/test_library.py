@@ -53,7 +53,7 @@ def test_none_are_taken_without_a_warning() -> None:
 
 def test_unknown_instructions_are_refused() -> None:
     ended = run("from nablahog import native; native.library()", NABLAHOG_INSTRUCTIONS="v5")
-    assert "ValueError: NABLAHOG_INSTRUCTIONS must be one of none, v2, v3, v4, not 'v5'" in ended.stderr
+    assert "NABLAHOG_INSTRUCTIONS must be one of none, v2, v3, v4" in ended.stderr
 
 
 def test_no_library_is_one_warning(tmp_path: Path) -> None:
