@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch.nn.functional import pad
 
 from nablahog.hog import HOG, hog, presets
 
@@ -69,6 +70,7 @@ def test_other_options_are_refused() -> None:
 ODD_IMAGES = {
     "0…255": (torch.full((1, 1, 16, 16), 255.0), "uoctti", "divide those in 0…255 by 255, or pass uint8"),
     "0…255 as an array": (np.full((16, 16), 255.0), "uoctti", "divide those in 0…255 by 255"),
+    "digits in 0…16, black corners": (pad(torch.full((1, 1, 6, 6), 16.0), (1, 1, 1, 1)), "paper", "far beyond 0…1"),
     "standardised": (torch.linspace(2.6, -2.1, 768).reshape(1, 3, 16, 16), "paper", "far beyond 0…1"),
     "halves": (torch.full((1, 1, 16, 16), 255.0, dtype=torch.half), "uoctti", "divide those in 0…255 by 255"),
     "RGBA": (torch.zeros(1, 4, 16, 16), "uoctti", r"images have 4 channels, .* write images\[:, :3\]"),

@@ -29,7 +29,7 @@ ArrayImage: TypeAlias = "NDArray[Any] | Image"
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
-STEP = 8  # every eighth row and column is looked at: values in 0…255 show in any few pixels
+STEP = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
 BEYOND = 1.0  # above white; filters overshoot by less
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
@@ -156,8 +156,9 @@ def advise(images: Tensor, spec: HOGSpec) -> None:
 
 
 def _is_beyond(images: Tensor) -> bool:
+    step = max(1, min(STEP, min(images.shape[-2:]) // STEP))
     try:
-        values = images.detach().numpy()[..., ::STEP, ::STEP]  # a microsecond, where slices of tensors take four
+        values = images.detach().numpy()[..., ::step, ::step]  # a microsecond, where slices of tensors take four
     except RuntimeError:  # dual numbers and tensors of torch.func's transforms have no storage
         return False
     if not values.size:
