@@ -7,7 +7,9 @@ The objects are those of `nablahog table2` with the same options: scenes of know
 random azimuth and an elevation near the true one.  Times are those of `nablahog.estimate_pose` alone, for models that
 have been prepared: in the second of two passes over all objects.  The last column is of the first pass, in which models
 are simplified and their views all around rendered.  With --growth the table is of the time by the number of models to
-choose among, which are not the object's own.
+choose among, which are not the object's own.  With --heights the known chairs
+that ship have so many pixels, and cast shadows; with --jitter boxes are off by up to these shares of their sides, five
+for each scene, which has one answer if the five azimuths are within 15°.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import argparse
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +26,17 @@ import numpy as np
 import torch
 
 from nablahog import PoseEstimate, estimate_pose
+from nablahog.hog.box import Box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
-from nablahog.metrics import VIEWS, azimuth_error, same_view
+from nablahog.metrics import VIEWS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import AnnotatedObject, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import rendered
-from nablahog.paper.models import models_in, scene_chairs
+from nablahog.paper.models import Meshes, models_in, scene_chairs
+from nablahog.paper.scenes import SceneSettings, scene
 from timing import Summary, digits, summary, table
 
 WITHIN = 15.0  # degrees of azimuth
+BOXES = 5  # of each scene with --jitter
 
 
 def objects(
@@ -116,6 +122,46 @@ def row(name: str, examples: list[AnnotatedObject], choices: dict[str, Any]) -> 
     return [name, *(f"{100 * share:.1f}" for share in shares), *figures]
 
 
+def by_height(heights: list[int], count: int, seed: int) -> str:
+    """Errors of the rotation by the height of known chairs in pixels."""
+    models, angles = Meshes(scene_chairs()), sample_viewpoints(10_000, np.random.default_rng(seed))
+    clutter, rows = [sample_photograph(name) for name in SAMPLE_NAMES], []
+    for height in heights:
+        side = max(224, int(1.8 * height))
+        settings = SceneSettings(size=side, height=(0.95 * height, 1.05 * height), box_jitter=0, shadow=0.5)
+        errors = []
+        for index in range(count):
+            made = scene(index, models, angles, clutter, seed=seed, settings=settings)
+            result = estimate_pose(made.image, models[made.model], box=made.box)
+            found = [(result.azimuth, result.elevation, result.theta)]
+            errors.append(float(rotation_error(found, made.pose[[0, 1, 3]].tolist()).min()))
+        right = np.mean([error <= WITHIN for error in errors])
+        rows.append([str(height), f"{np.median(errors):.2f}°", f"{100 * right:.0f}"])
+    return table(["pixels", "median rotation error", f"within {WITHIN:g}°, %"], rows)
+
+
+def jittered(examples: list[AnnotatedObject], shares: list[float], seed: int) -> str:
+    """How often five boxes that are a little off lead to one answer."""
+    rows = []
+    for share in shares:
+        alike = right = 0
+        for index, example in enumerate(examples):
+            generator = np.random.default_rng([seed, index])
+            assert example.box is not None
+            azimuths = []
+            for _ in range(BOXES):
+                off = share * generator.uniform(-1, 1, 4) * np.tile([example.box.width, example.box.height], 2)
+                box = np.array(example.box) + off
+                height, width = example.image.shape[1:]
+                inside = Box.of(box.clip(0, [width, height, width, height]).tolist())
+                azimuths.append(estimate(replace(example, box=inside, initial=None), {}).azimuth)
+            apart = [float(azimuth_error(*pair)) for pair in combinations(azimuths, 2)]
+            alike += max(apart) <= WITHIN
+            right += all(float(azimuth_error(each, example.azimuth)) <= WITHIN for each in azimuths)
+        rows.append([f"{100 * share:g} %", f"{alike} of {len(examples)}", str(right)])
+    return table(["boxes off by up to", "one answer", "all right"], rows)
+
+
 def growth(examples: list[AnnotatedObject], methods: list[str]) -> str:
     """Time by the number of models, doubled each time."""
     rows, count = [], 1
@@ -137,12 +183,20 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["best", "exhaustive", "paper"])
     parser.add_argument("--conditions", nargs="+", default=[""], help="of `nablahog table2 --conditions`")
     parser.add_argument("--growth", action="store_true", help="time by the number of models instead")
+    parser.add_argument("--heights", type=int, nargs="+", metavar="PIXELS", help="table by the objects' height instead")
+    parser.add_argument("--jitter", type=float, nargs="+", metavar="SHARE", help="table by the error of boxes instead")
     options = parser.parse_args()
     options.unknown_model |= options.growth
     torch.set_num_threads(options.threads)
     print(f"{options.objects} objects, seed {options.seed}, {options.threads} threads\n")
     if options.growth:
         print(growth(objects_of(options), options.methods))
+        return
+    if options.heights:
+        print(by_height(options.heights, options.objects, options.seed))
+        return
+    if options.jitter:
+        print(jittered(objects_of(options, options.conditions[0]), options.jitter, options.seed))
         return
     rows = []
     for condition in options.conditions:

@@ -24,7 +24,7 @@ from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
 SEEN = 16  # cells along a side of the images in training
-SMALL = 4.0  # pixels of a cell of which integrals give all that is larger than a cell
+SMALL = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
@@ -106,8 +106,8 @@ class LearnedPrior(LearnedModel):
     ) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
-        The mean of the predictions for the image and for its mirror image.  If the dialect describes roots of images,
-        the expected roots.
+        The mean of the predictions for the image and for its mirror image; of signed dialects, what is large comes from
+        the integral of the histograms.  If the dialect describes roots of images, the expected roots.
 
         Args:
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
@@ -195,9 +195,9 @@ def _with_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     """
     height, width = images.shape[2:]
     side = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
-    smallest = side * max(1.0, (side / SMALL) ** 3 * min(1.0, SEEN / (max(height, width) / side)))
+    sigma = side * max(1.0, (side / SMALL) ** 3 * min(1.0, SEEN / (max(height, width) / side)))
     integrals = starting_images(votes, spec, height, width, 1, 0, spread=0.0)[:, 0]
-    return images + low_pass(integrals - images, smallest)
+    return images + low_pass(integrals - images, sigma)
 
 
 PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["default"] | None

@@ -238,7 +238,8 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
     if not SHORTEST <= focal / math.hypot(height, width) <= LONGEST:
         raise ValueError(
             f"focal must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {focal:g} for "
-            f"{height}x{width} pixels; convert millimetres by the factor {width} / width of the sensor in millimetres"
+            f"{height}x{width} pixels; convert millimetres by the factor {math.hypot(height, width):.0f} / diagonal of "
+            "the sensor in millimetres, 43.3 if the lens is named by its equivalent for 35mm film"
         )
     if principal_point is None:
         return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)

@@ -39,7 +39,7 @@ _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low simi
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
 KNOWN = -14.35, 7.34, -0.88, 0.0  # of a single model
 UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
-_TOLD_APART = 0.4  # similarity by which a single model's pose must lead another side's to be the likelier one, e : 1
+_TOLD_APART = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SHARPNESS = 0.5  # of the soft maximum, in units of similarity
 _NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
