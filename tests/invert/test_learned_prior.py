@@ -24,7 +24,9 @@ from nablahog.invert import (
 )
 from nablahog.invert.histograms import recover_histograms, searchable, starting_images
 from nablahog.invert.learned import FOLDER, network_class
+from nablahog.invert.prior_network import Architecture
 from nablahog.invert.unknowns import to_cosines
+from nablahog.invert.unsigned_network import UnsignedNetwork
 
 from ..io import tiny_models
 from ..io.archives import check_refused
@@ -76,13 +78,32 @@ def test_votes_on_centres_are_kept_and_mirrored_with_the_image(spec: HOGSpec) ->
     assert_close(cells(image.flip(3), spec), mirrored, atol=0.1, rtol=1e-3)
 
 
-@pytest.mark.parametrize("size", [(64, 96), (200, 400), (9, 9)])
+@pytest.mark.parametrize("size", [(64, 96), (200, 400), (512, 700), (9, 9)])
 def test_the_input_has_the_images_proportions(size: tuple[int, int]) -> None:
-    image = photograph(128).repeat(1, 1, 4, 4)[..., : size[0], : size[1]]
+    image = photograph(128).repeat(1, 1, 4, 6)[..., : size[0], : size[1]]
     rows, cols = cells(image, PAPER).shape[2:]
     assert rows % 4 == cols % 4 == 0
-    assert 8 <= max(rows, cols) <= 20
+    assert 8 <= max(rows, cols) <= 64
     assert abs(np.log(rows / cols * size[1] / size[0])) < 0.35
+
+
+def test_small_cells_are_seen_after_large_ones_together_with_what_these_are_expected_to_show() -> None:
+    """Mirrored too, at each resolution; the mean image is that of the largest cells."""
+    network, seen = UnsignedNetwork(Architecture((8, 8, 8), (0, 0, 0))).eval(), []
+
+    def forward(votes: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+        seen.append((tuple(votes.shape[2:]), coarser))
+        rows, cols = votes.shape[2:]
+        bright = torch.linspace(-1, 1, 2 * cols).expand(1, 1, 2 * rows, -1)
+        return bright, bright
+
+    network.forward = forward  # type: ignore[method-assign]
+    regions, mean = network.regions_of(torch.rand(1, 9, 28, 60))
+    assert [grid for grid, _ in seen] == [(8, 16), (8, 16), (16, 32), (16, 32), (28, 60), (28, 60)]
+    assert (regions.shape, mean.shape) == ((1, 1, 56, 120), (1, 1, 16, 32))
+    coarser = seen[4][1]
+    assert (coarser.shape, bool((seen[0][1] == 0).all())) == ((1, 1, 56, 120), True)
+    assert torch.equal(seen[5][1], coarser.flip(3))
 
 
 # --- the expected image

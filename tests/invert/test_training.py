@@ -19,7 +19,7 @@ from nablahog.invert import histograms, training_windows
 from nablahog.invert.prior_network import Architecture, ResidualBlock
 from nablahog.invert.provenance import digest_of_weights
 from nablahog.invert.training import default_precision, learning_rates
-from nablahog.invert.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
+from nablahog.invert.training_windows import HELD_OUT, OF_MEAN, SignedTraining, UnsignedTraining
 from nablahog.invert.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
@@ -198,33 +198,43 @@ def test_statistics_are_folded_into_the_weights_and_out_of_them() -> None:
 # --- windows, and what the networks are trained with
 
 
-def patches(count: int) -> list[Tensor]:
+def patches(count: int) -> dict[str, Tensor]:
     """Of one photograph, (64, 64) each."""
     whole = photograph(512)[0, 0]
     places = torch.randint(whole.shape[0] - 64, (count, 2), generator=torch.Generator().manual_seed(0))
-    return [whole[top : top + 64, left : left + 64] for top, left in places.tolist()]
+    return {str(k): whole[top : top + 64, left : left + 64] for k, (top, left) in enumerate(places.tolist())}
 
 
-def network(scale: float = 1.0) -> UnsignedNetwork:
+def network() -> UnsignedNetwork:
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        made = UnsignedNetwork(Architecture((8, 8, 8), (0, 0, 0))).eval()
-    made.polarity.out.weight.data *= scale
-    return made
+        return UnsignedNetwork(Architecture((8, 8, 8), (0, 0, 0))).eval()
 
 
 def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_windows, "BATCH", 4)
-    images = [image * torch.nan if k % HELD_OUT == HELD_OUT // 2 else image for k, image in enumerate(patches(50))]
+    held_out = range(HELD_OUT // 2, 50, HELD_OUT)
+    images = {name: image * torch.nan if int(name) in held_out else image for name, image in patches(50).items()}
     training = UnsignedTraining(images, 0)
     assert (len(training.held_out), len(training.images), training.crops) == (2, 48, 48)
     assert all(torch.isfinite(part).all() for batch in training.batches(0) for part in batch)
 
 
-@pytest.mark.parametrize("specs", UnsignedTraining.dialects[-2:], ids=lambda specs: specs[1].name)
+def test_images_of_large_folders_are_drawn_less_often_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """81 dark images in one folder and 9 bright ones in another: a quarter of the windows is bright."""
+    monkeypatch.setattr(SignedTraining, "_votes", lambda self, windows, spec: torch.zeros(len(windows), 18, 4, 4))
+    monkeypatch.setattr(SignedTraining, "grids", [(4, 4)])
+    grays = {f"{'dark' if k < 81 else 'bright'}/{k}": torch.full((32, 32), float(k >= 81)) for k in range(90)}
+    training = SignedTraining(grays, 0)
+    windows = torch.cat([batch.windows for epoch in range(12) for batch in training.batches(epoch)])
+    assert float(windows.mean()) == pytest.approx(1 / 4, abs=0.06)
+
+
+@pytest.mark.parametrize("specs", UnsignedTraining.dialects[-3:], ids=lambda specs: specs[1].name)
 def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]) -> None:
     """There are more votes where the image has edges."""
     monkeypatch.setattr(UnsignedTraining, "dialects", [specs])
+    monkeypatch.setattr(UnsignedTraining, "grids", [(8, 12)])
     batch = next(UnsignedTraining(patches(40), 0).batches(0))
     rows, cols = batch.votes.shape[2:]
     assert batch.images.shape == (32, 1, 2 * rows, 2 * cols)
@@ -241,7 +251,7 @@ def test_histograms_of_signed_dialects_come_with_the_windows(
 ) -> None:
     """They integrate to an image like the window, of the same sign."""
     monkeypatch.setattr(SignedTraining, "dialects", [specs])
-    batch = next(SignedTraining([photograph(128)[0, 0]] * 8, 0).batches(0))
+    batch = next(SignedTraining({str(k): photograph(128)[0, 0] for k in range(8)}, 0).batches(0))
     each = [torch.corrcoef(torch.stack([a.flatten(), b.flatten()]))[0, 1] for a, b in zip(*batch[1:], strict=True)]
     assert min(map(float, each)) > 0.6
 
@@ -254,7 +264,7 @@ def test_windows_turned_by_nothing_stay_as_they_are(monkeypatch: pytest.MonkeyPa
 
 
 def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:
-    training, rng = SignedTraining([photograph(64)[0, 0]], 0), random.Random(0)
+    training, rng = SignedTraining({"only": photograph(64)[0, 0]}, 0), random.Random(0)
     assert all(1 <= training._scale(3.0, rng) <= 3 for _ in range(50))
     assert training._scale(0.5, rng) == 0.5
     assert training._window(torch.rand(300, 40), (4, 6), rng).shape == (1, 1, 32, 48)
@@ -262,7 +272,7 @@ def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None
 
 def test_the_loss_of_a_signed_network_is_zero_for_the_window_itself(images: dict[str, Tensor]) -> None:
     """The mean image costs 1 and its lost structure, the negative 4 and more."""
-    training = SignedTraining(list(images.values()), 0)
+    training = SignedTraining(images, 0)
     batch = next(training.batches(0))
     windows = batch.windows - batch.windows.mean(dim=(2, 3), keepdim=True)
     unit = windows / windows.std(dim=(2, 3), keepdim=True, correction=0)
@@ -272,28 +282,32 @@ def test_the_loss_of_a_signed_network_is_zero_for_the_window_itself(images: dict
     assert 4.2 < negative < 5
 
 
-def test_the_loss_prefers_the_right_regions_and_the_right_polarity() -> None:
-    """The negative of the right regions costs less than other ones, but more than the right ones."""
+@pytest.mark.parametrize(("grid", "known"), [((8, 8), False), ((24, 24), True)])
+def test_the_loss_of_regions_is_the_same_for_their_negative_unless_the_sign_is_known(
+    monkeypatch: pytest.MonkeyPatch, grid: tuple[int, int], known: bool
+) -> None:
+    """The mean images have a sign; of small cells the prediction for larger ones has told it."""
+    monkeypatch.setattr(UnsignedTraining, "grids", [grid])
     training, made = UnsignedTraining(patches(4), 0), network()
     batch = next(training.batches(0))
-    losses = []
-    for regions in (batch.images, -batch.images, batch.images.flip(2)):
-        made.regions.forward = lambda votes, regions=regions: regions  # type: ignore[method-assign]
-        made.polarity.forward = lambda votes, regions, images: torch.zeros(len(images))  # type: ignore[method-assign]
-        losses.append(float(training.loss(made, batch)))
-    right, negative, wrong = losses
-    assert right == pytest.approx(math.log(2), abs=1e-5)  # the polarity's, which is not told
-    assert negative == pytest.approx(right + 0.25 * 4 * float(batch.images.square().mean()), rel=1e-4)
-    assert right < negative < wrong
+    truth, size = batch.images, float(batch.images.square().mean())
+    made.coarser = lambda votes: (torch.zeros_like(truth), None)  # type: ignore[method-assign]
+
+    def loss(regions: Tensor, mean: Tensor) -> float:
+        made.forward = lambda votes, coarser: (regions, mean)  # type: ignore[method-assign]
+        return float(training.loss(made, batch))
+
+    assert loss(truth, truth) == pytest.approx(0, abs=1e-6)
+    assert loss(-truth, truth) == pytest.approx(4 * size if known else 0, rel=1e-4, abs=1e-6)
+    assert loss(truth, -truth) == pytest.approx(0 if known else OF_MEAN * 4 * size, rel=1e-4, abs=1e-6)
+    assert loss(truth.flip(2), truth) > 0.1
 
 
 def test_confidence_is_calibrated_on_the_images_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Right of three in four, the log-odds are to be log 3; of too few images nothing is concluded."""
-    training, made = UnsignedTraining(patches(8 * HELD_OUT), 0), network()
-    odds = iter([2.0, 2.0, -2.0, 2.0] * 2)
-    monkeypatch.setattr(training, "_odds", lambda network, image: torch.tensor([next(odds)]))
-    training.calibrate(made)
-    assert_close(made.polarity.out.weight, network(math.log(3) / 2).polarity.out.weight, rtol=0.02, atol=0)
-    few, made = UnsignedTraining(patches(4 * HELD_OUT), 0), network()
-    few.calibrate(made)
-    assert torch.equal(made.polarity.out.weight, network().polarity.out.weight)
+    for each, expected in ((8, math.log(3) / 2), (4, 1.0)):
+        training, made = UnsignedTraining(patches(each * HELD_OUT), 0), network()
+        odds = iter([2.0, 2.0, -2.0, 2.0] * 4)
+        monkeypatch.setattr(training, "_odds", lambda network, image, spec, odds=odds: torch.tensor(next(odds)))
+        training.calibrate(made)
+        assert made.certainty.item() == pytest.approx(expected, rel=0.02)

@@ -103,13 +103,15 @@ def say_ignored(ignored: Sequence[str]) -> None:
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints a table with one line for each of ``rows``, which all have the keys of the first.
 
+    A column without any value is left out.
     Texts are broken so that the table fits the terminal, at hyphens and blanks if one column is enough.  Numbers and
     short names stay whole.
     """
     if _quiet:
         return
     console = _console()
-    columns = {key: [_shown(row[key]) for row in rows] for key in rows[0]}
+    filled = [key for key in rows[0] if any(row[key] is not None for row in rows)]
+    columns = {key: [_shown(row[key]) for row in rows] for key in filled}
     numbers = [key for key in columns if all(row[key] is None or isinstance(row[key], int | float) for row in rows)]
     broken = [key for key, shown in columns.items() if key not in numbers and not all(map(_is_short_name, shown))]
     widths = {key: max(map(len, [*key.split("\n"), *shown])) for key, shown in columns.items()}

@@ -63,21 +63,20 @@ def train_prior(
 ) -> LearnedPrior:
     """Trains a network on photographs to predict the image to expect for a descriptor.
 
-    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel, for
-    unsigned ones their regions, and their polarity (:mod:`.training_windows`).  A prior
-    for one signed dialect is for all signed dialects; the same holds for unsigned ones.  One image in 25, in the order
-    of their names, is held out.
+    It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel, for unsigned ones
+    their regions (:mod:`.training_windows`).  A prior for one signed dialect is for all signed dialects; the same holds
+    for unsigned ones.  One image in 25, in the order of their names, is held out.
 
     The result depends only on the images, whether the spec is signed, epochs, seed, architecture and precision, as long
     as PyTorch, its number of threads and the device stay the same.
 
     Args:
-        images: (H, W) each, float32 in 0…1, by name.
+        images: (H, W) each, float32 in 0…1, by name; of a large folder each is drawn less often.
         spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
-        epochs: passes over the images, with one window of each; by default as many as give 90,000 windows in all, or
-            300,000 for unsigned descriptors.
+        epochs: each of as many windows as images; by default as many as give 90,000 windows in all, or 300,000 for
+            unsigned descriptors.
         seed: the seed of all random numbers.
-        architecture: that of the network; by default with 2.2 million weights for signed descriptors, 5.3 million for
+        architecture: that of the network; by default with 2.2 million weights for signed descriptors, 4.6 million for
             unsigned ones.
         start: a prior for such descriptors, whose weights are trained further; by default random weights.
         checkpoint: a file that is written after each epoch.  If it exists and is of the same training, this training is
@@ -113,7 +112,7 @@ def train_prior(
     check_choice("precision", precision, Precision)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
     kind = SignedTraining if searchable(spec).signed else UnsignedTraining
-    training = kind([images[name] for name in names], seed)
+    training = kind({name: images[name] for name in names}, seed)
     if epochs is None:
         epochs = max(1, round(training.default_crops / training.crops))
     if epochs < 1:

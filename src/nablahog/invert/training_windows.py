@@ -5,21 +5,24 @@ from __future__ import annotations
 import math
 import random
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, interpolate, mse_loss, softplus
+from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, interpolate, logsigmoid, mse_loss
 
 from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
 from .prior_network import SignedNetwork, network_inputs
-from .unsigned_network import FINER, UnsignedNetwork, normalised
+from .unsigned_network import FINER, MOST_CELLS, UnsignedNetwork, normalised, with_sign_of
 
-BATCH = 32
+BATCH = 32  # windows of at most :data:`SEEN` cells a side; of larger ones fewer
+SEEN = 16
 CELL = 8  # pixels of the cells of a window
 HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
@@ -32,15 +35,19 @@ PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
 
 LEAST_SIDE, LARGE = 0.5, 0.6  # least side of unsigned windows, relative to the largest possible; share of the largest
 TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows; most degrees; largest log-ratio of the stretches
-UP_TO_SIGN = 0.75  # share of the regions' loss that is the same for an image and its negative
+OF_MEAN = 0.5  # weight of the mean images' loss beside that of the images up to their sign
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
-LOSSY = [OPENCV, MASKFEAT]  # whose descriptors do not determine histograms: values are clipped, cells lose contrast
+DALAL_TRIGGS = presets.dalal_triggs()
+# whose descriptors do not determine histograms: values are clipped, cells lose contrast
+LOSSY = [OPENCV, MASKFEAT, DALAL_TRIGGS]
+RECOVERY = 40  # evaluations for their histograms
 
 
 class WindowTraining(ABC):
-    """The batches of windows and the loss of a training, with one window of each image in an epoch.
+    """The batches of windows and the loss of a training, with as many windows as images in an epoch.
 
-    Everything random depends only on the seed and the epoch, so that an interruption does not change it.
+    Of a folder of n images each is drawn with a chance of 1/√n, so that large folders do not decide alone.  Everything
+    random depends only on the seed and the epoch, so that an interruption does not change it.
     """
 
     default_crops: int  # of all epochs
@@ -50,9 +57,14 @@ class WindowTraining(ABC):
     grids: Sequence[tuple[int, int]]  # cells of the windows of a batch
     gamma: float  # the largest logarithm of the exponent of gray values
 
-    def __init__(self, images: Sequence[Tensor], seed: int) -> None:
-        self.held_out = list(images[HELD_OUT // 2 :: HELD_OUT])
-        self.images = [image for k, image in enumerate(images) if k % HELD_OUT != HELD_OUT // 2]
+    def __init__(self, images: Mapping[str, Tensor], seed: int) -> None:
+        folders = [PurePosixPath(name).parent for name in images]
+        in_folder = Counter(folders)
+        chances = [1 / math.sqrt(in_folder[folder]) for folder in folders]
+        drawn = list(zip(images.values(), chances, strict=True))
+        self.held_out = drawn[HELD_OUT // 2 :: HELD_OUT]
+        some = [each for k, each in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
+        self.images, self.chances = [image for image, _ in some], [chance for _, chance in some]
         self.seed = seed
         self.steps = max(1, len(self.images) // BATCH)
         self.crops = self.steps * min(BATCH, len(self.images))
@@ -66,12 +78,12 @@ class WindowTraining(ABC):
         return
 
     def batches(self, epoch: int) -> Iterator[Any]:
-        """The batches of an epoch, NamedTuples of tensors, in an order of its own."""
-        order = random.Random(f"{self.seed} {epoch}").sample(self.images, len(self.images))
+        """The batches of an epoch, NamedTuples of tensors."""
         for step in range(self.steps):
             rng = random.Random(f"{self.seed} {epoch} {step}")
             grid, specs = rng.choice(self.grids), rng.choice(self.dialects)
-            images = order[step * BATCH : (step + 1) * BATCH]
+            count = max(1, min(BATCH, len(self.images), BATCH * SEEN**2 // math.prod(grid)))
+            images = rng.choices(self.images, self.chances, k=count)
             windows = self._changed(torch.cat([self._window(image, grid, rng) for image in images]), rng)
             parts = zip(windows.chunk(len(specs)), specs, strict=False)
             yield self._batch(torch.cat([self._votes(part, spec) for part, spec in parts]), windows)
@@ -164,18 +176,17 @@ class _UnsignedBatch(NamedTuple):
 class UnsignedTraining(WindowTraining):
     """For unsigned descriptors.
 
-    A quarter of the regions' loss is the squared error to the image, the rest the smaller of the errors to the image
-    and to its negative: the signs of regions can thus become consistent before the polarity is learned.  The loss of
-    the polarity is the cross entropy of the choice between an image, a mixture of the regions and the true image, and
-    its negative.
+    The loss is the smaller of the squared errors to the image and to its negative, so that the signs of regions can
+    become consistent whichever side is the brighter one; and, of the mean images, the squared error to the image.
+    Windows of smaller cells are seen together with the prediction for cells twice as large, which has the right sign.
 
     Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
     """
 
     default_crops = 300_000  # about an hour and a half on two cores, estimated from the time of a step
     learning_rate, weight_decay, gamma = 1.2e-3, 0.03, 0.45
-    dialects = ([PAPER, SKIMAGE],) * 3 + ([PAPER, OPENCV], [SKIMAGE, OPENCV], [PAPER, MASKFEAT])
-    grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8))
+    dialects = ([PAPER, SKIMAGE],) * 4 + ([PAPER, OPENCV], [SKIMAGE, OPENCV], [PAPER, MASKFEAT], [PAPER, DALAL_TRIGGS])
+    grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8)) + ((32, 32),) * 2
 
     def _scale(self, largest: float, rng: random.Random) -> float:
         return largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
@@ -186,42 +197,43 @@ class UnsignedTraining(WindowTraining):
     def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
         """Votes from the histograms of windows or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
-        votes = recover_histograms(hog(windows, spec), spec, size) if spec in LOSSY else histograms(windows, spec)
+        if spec in LOSSY:
+            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=RECOVERY)
+        else:
+            votes = histograms(windows, spec)
         return UnsignedNetwork.cell_votes(votes, spec, size)
 
     def _batch(self, votes: Tensor, windows: Tensor) -> _UnsignedBatch:
         return _UnsignedBatch(votes, _target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
-        images, regions = batch.images, network.regions(batch.votes)
+        images = batch.images
+        with torch.no_grad():
+            coarser, _ = network.coarser(batch.votes)
+        regions, mean = network(batch.votes, with_sign_of(coarser, images))
+        if max(batch.votes.shape[2:]) > MOST_CELLS:
+            return mse_loss(regions, images)
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        loss: Tensor = ((1 - UP_TO_SIGN) * apart + UP_TO_SIGN * torch.minimum(apart, negative)).mean()
-        answer = normalised(regions.detach())
-        share = torch.rand(len(images), 1, 1, 1, device=images.device)
-        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
-        positive = torch.where((answer * images).sum(dim=(1, 2, 3), keepdim=True) < 0, -answer, answer)
-        known = (torch.rand_like(share) < 0.7).to(answer)  # in the others, the polarity part does not see the regions
-        odds = network.polarity(batch.votes, known * answer, normalised(share * images + (1 - share) * positive))
-        return loss + softplus(-odds).mean()
+        return torch.minimum(apart, negative).mean() + OF_MEAN * mse_loss(mean, images)
 
     @torch.no_grad()
     def calibrate(self, network: UnsignedNetwork) -> None:
         """Scales the log-odds of the polarity to maximise the likelihood of the images held out."""
         if len(self.held_out) < FEWEST:
             return
-        odds = torch.cat([self._odds(network, image) for image in self.held_out])
-        factors = torch.logspace(-1, 1, 201)
-        likelihood = softplus(-factors[:, None] * odds).mean(dim=1)
-        network.polarity.out.weight *= float(factors[likelihood.argmin()])
+        specs = (PAPER, OPENCV)
+        odds = torch.stack([self._odds(network, image, spec) for image, _ in self.held_out for spec in specs])
+        chances = odds.new_tensor([chance for _, chance in self.held_out for _ in specs])
+        factors = torch.logspace(-1, 3, 401)
+        likelihood = logsigmoid(factors[:, None] * odds) @ chances
+        network.certainty.mul_(float(factors[likelihood.argmax()]))
 
-    def _odds(self, network: UnsignedNetwork, image: Tensor) -> Tensor:
-        """The log-odds (1,) of the network's prediction for a whole image, negative if its polarity is wrong."""
-        device = network.polarity.out.weight.device
+    def _odds(self, network: UnsignedNetwork, image: Tensor, spec: HOGSpec) -> Tensor:
+        """The log-odds () of the network's prediction for a whole image, negative if its polarity is wrong."""
         window = _whole(image)
-        votes = self._votes(window, PAPER).to(device)
-        regions = network.regions_of(votes)
-        right = (normalised(regions) * _target(window).to(device)).sum(dim=(1, 2, 3))
-        return (network.log_odds(votes, regions, regions) * torch.sign(right)).cpu()
+        regions, mean = network.regions_of(self._votes(window, spec).to(network.certainty.device))
+        right = (normalised(regions).cpu() * _target(window)).sum()
+        return network.log_odds(regions, mean).cpu().squeeze() * torch.sign(right)
 
 
 def _turned(windows: Tensor, rng: random.Random) -> Tensor:
@@ -246,8 +258,8 @@ def _target(windows: Tensor) -> Tensor:
 
 
 def _whole(image: Tensor) -> Tensor:
-    """A whole image (H, W), resized to at most 16 cells a side, (1, 1, 8R, 8C)."""
-    shrink = 16 * CELL / max(image.shape)
+    """A whole image (H, W), resized to at most :data:`SEEN` cells a side, (1, 1, 8R, 8C)."""
+    shrink = SEEN * CELL / max(image.shape)
     size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
     return resized(image, size[0], size[1])
 

@@ -1,10 +1,13 @@
 """The network of a prior for unsigned descriptors: from the histograms of cells to a coarse image.
 
 An unsigned histogram does not tell which side of an edge is the brighter one.  The statistics of photographs often do:
-backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at once, and
-predicts a coarse one, two pixels a cell along each axis.  The details come from the descriptor.
+backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at once, in
+cells so large that they are at most :data:`MOST_CELLS` along a side, and predicts a coarse image, two pixels a cell
+along each axis.  Then it sees cells half as large together with that image, and so on until they are the descriptor's.
+The details come from the descriptor.
 
-A second part, the polarity, predicts the probability that an image is the photograph and not its negative.
+It predicts two images: one up to its sign, and the mean of all photographs with these histograms.  The more the two
+correlate, the surer it is that the first is the photograph and not its negative.
 """
 
 from __future__ import annotations
@@ -25,14 +28,14 @@ from .prior_network import Architecture, PriorNetwork, ResidualBlock, set_to_zer
 BINS = 9  # of 20° each
 FINER = 2  # pixels of the prediction per cell, along each axis
 CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
-MOST_CELLS = 20  # rows or columns of the input: larger grids are shrunk
-COARSEST = 4  # cells for a pixel at the coarsest resolution, along each axis
+MOST_CELLS = 20  # rows or columns that are seen at first
+FINEST = 64  # rows or columns that are seen at last, at most
+COARSEST = 4  # cells for a pixel at the network's coarsest resolution, along each axis
 LEAST_CELLS = 2 * COARSEST
 WHOLE = 4  # parts along each axis, for the layers over the whole image
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
 DROPOUT = 0.1  # share of channels and units dropped in training, in the layers over the whole image
 DRAWN = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
-POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
@@ -47,6 +50,11 @@ def normalised(images: Tensor) -> Tensor:
     images = images - images.mean(dim=(2, 3), keepdim=True)
     contrast = images.std(dim=(2, 3), keepdim=True, correction=0)
     return torch.where(contrast > FLAT, images / contrast.clamp(min=FLAT), 0)
+
+
+def with_sign_of(images: Tensor, others: Tensor) -> Tensor:
+    """Images (B, 1, H, W), those negated that correlate negatively with the others."""
+    return torch.where((images * others).sum(dim=(1, 2, 3), keepdim=True) < 0, -images, images)
 
 
 class _WholeImage(nn.Module):
@@ -69,95 +77,54 @@ class _WholeImage(nn.Module):
         return x + correction
 
 
-class _Regions(nn.Module):
-    """From votes (B, 9, R, C) to images (B, 1, 2R, 2C) of about zero mean and unit variance.
-
-    A U-Net, down to a quarter of the grid and up again.
-    """
-
-    def __init__(self, architecture: Architecture) -> None:
-        super().__init__()
-        widths, last = architecture.widths, len(architecture.widths) - 1
-
-        def blocks(level: int) -> nn.Sequential:
-            share = DROPOUT if level == last else 0.0
-            return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
-
-        self.inp = nn.Conv2d(BINS, widths[0], 3, padding=1)
-        self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
-        steps = list(pairwise(widths))
-        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
-        self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
-        self.whole = _WholeImage(widths[-1])
-        self.out = nn.Conv2d(widths[0], FINER**2, 3, padding=1)
-
-    def forward(self, votes: Tensor) -> Tensor:
-        x, levels = self.inp(compressed(votes)), []
-        for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
-            levels.append(blocks(x))
-            x = shrink(gelu(levels[-1]))
-        x = self.up[-1](self.whole(self.down[-1](x)))
-        for level in range(len(levels) - 1, -1, -1):
-            x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
-        return pixel_shuffle(self.out(gelu(x)), FINER).float()
-
-
-class _Polarity(nn.Module):
-    """From votes, the regions' images, and images (B, 1, 2R, 2C) to log-odds (B,) that the latter are not negatives.
-
-    A function of the image minus the same function of its negative, so that negating the image negates the log-odds.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        first, second, third = POLARITY_WIDTHS
-        self.body = nn.Sequential(
-            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
-            ResidualBlock(first),
-            nn.GELU(),
-            nn.Conv2d(first, second, 2, stride=2),
-            ResidualBlock(second),
-            nn.GELU(),
-            nn.Conv2d(second, third, 2, stride=2),
-            ResidualBlock(third, DROPOUT),
-            nn.GELU(),
-            nn.AdaptiveAvgPool2d(WHOLE),
-            nn.Flatten(),
-            nn.Linear(third * WHOLE**2, 64),
-            nn.GELU(),
-            nn.Dropout(0.5),
-        )
-        self.out = nn.Linear(64, 1, bias=False)
-
-    def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        of_images = pixel_unshuffle(images, FINER)
-        given = torch.cat([compressed(votes), pixel_unshuffle(regions, FINER)], dim=1)
-        both = torch.cat([torch.cat([given, sign * of_images], dim=1) for sign in (1.0, -1.0)])
-        one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
-        odds: Tensor = self.out(one - negative)
-        return odds.squeeze(1).float()
-
-
 class UnsignedNetwork(PriorNetwork):
-    """Regions, of the given architecture, and polarity, of a fixed one; 5.3 million weights by default."""
+    """From votes (B, 9, R, C) and coarser images (B, 1, 2R, 2C) to images up to their sign, and mean images.
+
+    A U-Net, down to a quarter of the grid and up again; 4.6 million weights by default.
+    """
 
     KIND = "unsigned"
     DEFAULT = Architecture((64, 128, 256), (1, 2, 1))
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__(architecture)
-        self.regions, self.polarity = _Regions(architecture), _Polarity()
+        widths, last = architecture.widths, len(architecture.widths) - 1
+
+        def blocks(level: int) -> nn.Sequential:
+            share = DROPOUT if level == last else 0.0
+            return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
+
+        self.inp = nn.Conv2d(BINS + FINER**2, widths[0], 3, padding=1)
+        self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
+        steps = list(pairwise(widths))
+        self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
+        self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
+        self.whole = _WholeImage(widths[-1])
+        self.out = nn.Conv2d(widths[0], 2 * FINER**2, 3, padding=1)
+        self.certainty = nn.Parameter(torch.ones(1))  # calibrated after training
+
+    def forward(self, votes: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
+        """Images up to their sign, and mean images, (B, 1, 2R, 2C) each, of about unit variance.
+
+        ``coarser`` are images (B, 1, 2R, 2C) of cells twice as large, zero mean and unit variance; or 0.
+        """
+        x, levels = self.inp(torch.cat([compressed(votes), pixel_unshuffle(coarser, FINER)], dim=1)), []
+        for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
+            levels.append(blocks(x))
+            x = shrink(gelu(levels[-1]))
+        x = self.up[-1](self.whole(self.down[-1](x)))
+        for level in range(len(levels) - 1, -1, -1):
+            x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
+        regions, mean = pixel_shuffle(self.out(gelu(x)), FINER).float().chunk(2, dim=1)
+        return regions, mean
 
     @staticmethod
     def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 9, R, C), bins centred at 10°, 30°, …; cells are square, R and C are multiples of :data:`COARSEST`."""
         tiling = cells_in_bins(votes, spec, size, BINS, 0.5, math.pi)
         height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
-        side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MOST_CELLS)
-        rows, cols = (max(LEAST_CELLS, round(n / side / COARSEST) * COARSEST) for n in (height, width))
-        if tiling.shape[2:] == (rows, cols):
-            return tiling
-        return interpolate(tiling, size=(rows, cols), mode="bilinear", align_corners=False, antialias=True)
+        side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / FINEST)
+        return _at_grid(tiling, height / side, width / side)
 
     @staticmethod
     def mirrored(votes: Tensor) -> Tensor:
@@ -169,8 +136,8 @@ class UnsignedNetwork(PriorNetwork):
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
         votes, inputs = self.recovered(descriptor, spec, size, votes)
-        regions = self.regions_of(inputs)
-        images = torch.where(self.log_odds(inputs, regions, regions).reshape(-1, 1, 1, 1) < 0, -regions, regions)
+        regions, mean = self.regions_of(inputs)
+        images = torch.where(self.log_odds(regions, mean).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
 
     def draws(
@@ -183,13 +150,13 @@ class UnsignedNetwork(PriorNetwork):
 
     def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
-        inputs, network = inputs.expand(count, -1, -1, -1), copy.deepcopy(self.regions)
+        network = copy.deepcopy(self)
         for layer in network.modules():
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
                 layer.train().p = DRAWN
         with seeded(seed):
-            regions = network(inputs)
-            likely = torch.sigmoid(self.log_odds(inputs, regions, regions))
+            regions, mean = network.regions_of(inputs.expand(count, -1, -1, -1))
+            likely = torch.sigmoid(self.log_odds(regions, mean))
             kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
         return torch.where(kept, regions, -regions)
 
@@ -198,18 +165,38 @@ class UnsignedNetwork(PriorNetwork):
     ) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
         _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]), votes)
-        coarse = (FINER * inputs.shape[2], FINER * inputs.shape[3])
-        small = interpolate(images, size=coarse, mode="bilinear", align_corners=False, antialias=True)
-        return torch.sigmoid(self.log_odds(inputs, self.regions_of(inputs), small))
+        return torch.sigmoid(self.log_odds(images, self.regions_of(inputs)[1]))
 
-    def regions_of(self, inputs: Tensor) -> Tensor:
-        """Coarse images (B, 1, 2R, 2C), the mean over the image and its mirror image."""
-        regions: Tensor = self.regions(inputs) + self.regions(self.mirrored(inputs)).flip(3)
-        return regions / 2
+    def regions_of(self, votes: Tensor) -> tuple[Tensor, Tensor]:
+        """Images up to their sign (B, 1, 2R, 2C), and mean images of the largest cells, for votes (B, 9, R, C).
 
-    def log_odds(self, inputs: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        """The log-odds (B,) that coarse images are not negatives, the mean over the image and its mirror image."""
-        images = normalised(images)
-        odds: Tensor = self.polarity(inputs, regions, images)
-        mirrored: Tensor = self.polarity(self.mirrored(inputs), regions.flip(3), images.flip(3))
-        return (odds + mirrored) / 2
+        Each is the mean over the image and its mirror image.
+        """
+        coarser, mean = self.coarser(votes)
+        regions, own_mean = self(votes, coarser)
+        mirrored, mirrored_mean = (image.flip(3) for image in self(self.mirrored(votes), coarser.flip(3)))
+        regions = (regions + with_sign_of(mirrored, regions)) / 2
+        return regions, (own_mean + mirrored_mean) / 2 if mean is None else mean
+
+    def coarser(self, votes: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Images (B, 1, 2R, 2C) of cells twice as large, and mean images; 0 and None if the cells are few."""
+        rows, cols = votes.shape[2:]
+        if max(rows, cols) <= MOST_CELLS:
+            return votes.new_zeros(len(votes), 1, FINER * rows, FINER * cols), None
+        regions, mean = self.regions_of(_at_grid(votes, rows / 2, cols / 2))
+        size = (FINER * rows, FINER * cols)
+        return interpolate(normalised(regions), size=size, mode="bilinear", align_corners=False), mean
+
+    def log_odds(self, images: Tensor, mean: Tensor) -> Tensor:
+        """The log-odds (B,) that images (B, 1, H, W) are not negatives, by mean images (B, 1, h, w)."""
+        size = (mean.shape[2], mean.shape[3])
+        small = normalised(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
+        return self.certainty * (small * mean).mean(dim=(1, 2, 3))
+
+
+def _at_grid(votes: Tensor, rows: float, cols: float) -> Tensor:
+    """Votes (B, 9, R, C) at a grid of about so many rows and columns, multiples of :data:`COARSEST`."""
+    grid = [max(LEAST_CELLS, round(n / COARSEST) * COARSEST) for n in (rows, cols)]
+    if list(votes.shape[2:]) == grid:
+        return votes
+    return interpolate(votes, size=grid, mode="bilinear", align_corners=False, antialias=True)
