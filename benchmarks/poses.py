@@ -7,9 +7,9 @@ The objects are those of `nablahog table2` with the same options: scenes of know
 random azimuth and an elevation near the true one.  Times are those of `nablahog.estimate_pose` alone, for models that
 have been prepared: in the second of two passes over all objects.  The last column is of the first pass, in which models
 are simplified and their views all around rendered.  With --growth the table is of the time by the number of models to
-choose among, which are not the object's own.  With --heights the known chairs
-that ship have so many pixels, and cast shadows; with --jitter boxes are off by up to these shares of their sides, five
-for each scene, which has one answer if the five azimuths are within 15°.
+choose among, which are not the object's own.  With --heights the known chairs that ship have so many pixels, and cast
+shadows; with --jitter boxes are off by up to these shares of their sides, five for each scene, which has one answer if
+the five azimuths are within 15°.
 """
 
 from __future__ import annotations

@@ -101,6 +101,7 @@ def test_small_cells_are_seen_after_large_ones_together_with_what_these_are_expe
     regions, mean = network.regions_of(torch.rand(1, 9, 28, 60))
     assert [grid for grid, _ in seen] == [(8, 16), (8, 16), (16, 32), (16, 32), (28, 60), (28, 60)]
     assert (regions.shape, mean.shape) == ((1, 1, 56, 120), (1, 1, 16, 32))
+    assert float(regions.abs().max()) == 1  # images and mirror images of opposite signs do not cancel
     coarser = seen[4][1]
     assert (coarser.shape, bool((seen[0][1] == 0).all())) == ((1, 1, 56, 120), True)
     assert torch.equal(seen[5][1], coarser.flip(3))

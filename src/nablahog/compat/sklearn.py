@@ -25,7 +25,7 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         layout: ``"cells"`` or ``"native"``, the order of the features of an image.
 
     Raises:
-        TypeError, ValueError: by its methods: what they are given are not images, or not of ``image_size``.
+        TypeError, ValueError: by its methods, if their input is no batch of images, or not of ``image_size``.
 
     >>> from nablahog.compat.sklearn import HOGTransformer
     >>> images = np.zeros((2, 32, 32, 3), np.uint8)

@@ -23,7 +23,7 @@ from .unknowns import low_pass
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
-SEEN = 16  # cells along a side of the images in training
+SEEN = 16  # cells along a side of most images in training
 SMALL = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 

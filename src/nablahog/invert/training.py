@@ -73,8 +73,8 @@ def train_prior(
     Args:
         images: (H, W) each, float32 in 0…1, by name; of a large folder each is drawn less often.
         spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
-        epochs: each of as many windows as images; by default as many as give 90,000 windows in all, or 300,000 for
-            unsigned descriptors.
+        epochs: each of at most as many windows as images; by default as many as give 90,000 windows in all, or
+            300,000 for unsigned descriptors.
         seed: the seed of all random numbers.
         architecture: that of the network; by default with 2.2 million weights for signed descriptors, 4.6 million for
             unsigned ones.

@@ -18,11 +18,11 @@ from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
+from .learned import SEEN
 from .prior_network import SignedNetwork, network_inputs
 from .unsigned_network import FINER, MOST_CELLS, UnsignedNetwork, normalised, with_sign_of
 
 BATCH = 32  # windows of at most :data:`SEEN` cells a side; of larger ones fewer
-SEEN = 16
 CELL = 8  # pixels of the cells of a window
 HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
@@ -44,7 +44,7 @@ RECOVERY = 40  # evaluations for their histograms
 
 
 class WindowTraining(ABC):
-    """The batches of windows and the loss of a training, with as many windows as images in an epoch.
+    """The batches of windows and the loss of a training, with at most as many windows as images in an epoch.
 
     Of a folder of n images each is drawn with a chance of 1/√n, so that large folders do not decide alone.  Everything
     random depends only on the seed and the epoch, so that an interruption does not change it.
