@@ -2,10 +2,10 @@
 
     python benchmarks/preimages.py [--images DIR] [--quality fast best] [--peers 4] [--threads 1]
 
-Means of CC, MI, SSIM and the descriptor distance (``nablahog.metrics.DEFINITIONS``) over a folder of images of one
-size, with their 95 % bootstrap intervals, and the CPU time of `reconstruct` on the whole batch, divided by the number
-of images.  ``--peers``: this many images are inverted one by one in turns, also by CNN-HOG's schedule of 800 steps
-and by the paper's own search.
+Means of CC, MI, SSIM and the descriptor distance (``nablahog.metrics.DEFINITIONS``) over the images of a folder, of
+128x128 pixels, with their 95 % bootstrap intervals, and the CPU time of `reconstruct` on the whole batch, divided by
+the number of images.  ``--peers``: this many images are inverted one by one in turns, also by CNN-HOG's schedule of
+800 steps and by the paper's own search.
 """
 
 from __future__ import annotations
@@ -42,17 +42,18 @@ FIGURES: dict[str, Callable[[Tensor, Tensor], float]] = {
 
 
 def photographs(folder: Path | None, side: int = SIDE) -> Tensor:
-    """(N, 1, H, W) in 0…1: the images of a folder, all of one size, or of scikit-image's those at least so large."""
+    """(N, 1, side, side) in 0…1: squares of those images of a folder, or of scikit-image's, that are so large."""
     if folder is not None:
         files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
-        return torch.stack([gray(read_image(file)[None])[0] for file in files])
+        pictures = [gray(read_image(file)[None]) for file in files]
+    else:
+        samples = (torch.from_numpy(np.atleast_3d(getattr(data, name)())) for name in SAMPLES)
+        pictures = [gray(picture.permute(2, 0, 1)[None] / 255) for picture in samples]
     images = []
-    for name in SAMPLES:
-        picture = torch.from_numpy(np.atleast_3d(getattr(data, name)())).float()
-        shorter = min(picture.shape[:2])
-        square = gray(picture[:shorter, :shorter].permute(2, 0, 1)[None])
+    for picture in pictures:
+        shorter = min(picture.shape[2:])
         if shorter >= side:
-            images.append(interpolate(square, size=(side, side), mode="area").round() / 255)
+            images.append(interpolate(picture[..., :shorter, :shorter], size=(side, side), mode="area"))
     return torch.cat(images)
 
 
@@ -71,11 +72,11 @@ def pre_images(
     return figures, seconds
 
 
-def by_size(sizes: list[int], cells: list[int]) -> str:
+def by_size(folder: Path | None, sizes: list[int], cells: list[int]) -> str:
     """CC, MI and SSIM by the size of images and cells, with the prior and without."""
     rows = []
     for side, cell_size in product(sizes, cells):
-        images = photographs(None, side)
+        images = photographs(folder, side)
         figures = []
         for prior in ("default", None):
             each, seconds = pre_images(images, presets.uoctti(cell_size), prior=prior)
@@ -128,7 +129,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     if options.sizes:
-        print(by_size(options.sizes, options.cells))
+        print(by_size(options.images, options.sizes, options.cells))
         return
     images = photographs(options.images)[:: options.every]
     print(f"{len(images)} images of {images.shape[3]}x{images.shape[2]}, {options.preset}, {options.threads} threads\n")

@@ -19,7 +19,7 @@ from nablahog.invert import histograms, training_windows
 from nablahog.invert.prior_network import Architecture, ResidualBlock
 from nablahog.invert.provenance import digest_of_weights
 from nablahog.invert.training import default_precision, learning_rates
-from nablahog.invert.training_windows import HELD_OUT, OF_MEAN, SignedTraining, UnsignedTraining
+from nablahog.invert.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
 from nablahog.invert.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
@@ -220,17 +220,22 @@ def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -
     assert all(torch.isfinite(part).all() for batch in training.batches(0) for part in batch)
 
 
-def test_images_of_large_folders_are_drawn_less_often_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """81 dark images in one folder and 9 bright ones in another: a quarter of the windows is bright."""
+def test_images_of_large_folders_are_drawn_less_often_each_and_large_images_more_often(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """81 dark images in a folder, 9 bright ones of four times their side in another: two windows in five are bright."""
     monkeypatch.setattr(SignedTraining, "_votes", lambda self, windows, spec: torch.zeros(len(windows), 18, 4, 4))
     monkeypatch.setattr(SignedTraining, "grids", [(4, 4)])
-    grays = {f"{'dark' if k < 81 else 'bright'}/{k}": torch.full((32, 32), float(k >= 81)) for k in range(90)}
+    grays = {
+        f"{'dark' if k < 81 else 'bright'}/{k}": torch.full((32, 32) if k < 81 else (128, 128), float(k >= 81))
+        for k in range(90)
+    }
     training = SignedTraining(grays, 0)
     windows = torch.cat([batch.windows for epoch in range(12) for batch in training.batches(epoch)])
-    assert float(windows.mean()) == pytest.approx(1 / 4, abs=0.06)
+    assert float(windows.mean()) == pytest.approx(2 / 5, abs=0.06)
 
 
-@pytest.mark.parametrize("specs", UnsignedTraining.dialects[-3:], ids=lambda specs: specs[1].name)
+@pytest.mark.parametrize("specs", UnsignedTraining.dialects[-4:], ids=lambda specs: specs[1].name)
 def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]) -> None:
     """There are more votes where the image has edges."""
     monkeypatch.setattr(UnsignedTraining, "dialects", [specs])
@@ -286,28 +291,32 @@ def test_the_loss_of_a_signed_network_is_zero_for_the_window_itself(images: dict
 def test_the_loss_of_regions_is_the_same_for_their_negative_unless_the_sign_is_known(
     monkeypatch: pytest.MonkeyPatch, grid: tuple[int, int], known: bool
 ) -> None:
-    """The mean images have a sign; of small cells the prediction for larger ones has told it."""
+    """The polarity tells it of the largest cells; of smaller ones the prediction for larger ones has told it."""
     monkeypatch.setattr(UnsignedTraining, "grids", [grid])
     training, made = UnsignedTraining(patches(4), 0), network()
     batch = next(training.batches(0))
     truth, size = batch.images, float(batch.images.square().mean())
-    made.coarser = lambda votes: (torch.zeros_like(truth), None)  # type: ignore[method-assign]
+    made.coarser = lambda votes, largest: torch.zeros_like(truth)  # type: ignore[method-assign]
+    made.polarity.forward = (  # type: ignore[method-assign]
+        lambda votes, regions, images: 1e3 * (images * truth).mean(dim=(1, 2, 3))
+    )
 
-    def loss(regions: Tensor, mean: Tensor) -> float:
-        made.forward = lambda votes, coarser: (regions, mean)  # type: ignore[method-assign]
+    def loss(regions: Tensor) -> float:
+        made.forward = lambda votes, coarser: regions  # type: ignore[method-assign]
         return float(training.loss(made, batch))
 
-    assert loss(truth, truth) == pytest.approx(0, abs=1e-6)
-    assert loss(-truth, truth) == pytest.approx(4 * size if known else 0, rel=1e-4, abs=1e-6)
-    assert loss(truth, -truth) == pytest.approx(0 if known else OF_MEAN * 4 * size, rel=1e-4, abs=1e-6)
-    assert loss(truth.flip(2), truth) > 0.1
+    assert loss(truth) == pytest.approx(0, abs=1e-6)
+    assert loss(-truth) == pytest.approx(4 * size if known else 0, rel=1e-4, abs=1e-6)
+    assert loss(truth.flip(2)) > 0.1
+    made.polarity.forward = lambda *shown: torch.zeros(len(truth))  # type: ignore[method-assign]
+    assert loss(truth) == pytest.approx(0 if known else math.log(2), abs=1e-6)
 
 
 def test_confidence_is_calibrated_on_the_images_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Right of three in four, the log-odds are to be log 3; of too few images nothing is concluded."""
     for each, expected in ((8, math.log(3) / 2), (4, 1.0)):
-        training, made = UnsignedTraining(patches(each * HELD_OUT), 0), network()
+        training, made, before = UnsignedTraining(patches(each * HELD_OUT), 0), network(), network()
         odds = iter([2.0, 2.0, -2.0, 2.0] * 4)
-        monkeypatch.setattr(training, "_odds", lambda network, image, spec, odds=odds: torch.tensor(next(odds)))
+        monkeypatch.setattr(training, "_odds", lambda network, image, spec, odds=odds: torch.full((2,), next(odds)))
         training.calibrate(made)
-        assert made.certainty.item() == pytest.approx(expected, rel=0.02)
+        assert_close(made.polarity.out.weight, expected * before.polarity.out.weight, rtol=0.02, atol=0)

@@ -17,13 +17,12 @@ from ..hog.spec import HOGSpec
 from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, check_weights, integers, with_weights
 from .arguments import check_descriptor
 from .histograms import at_contrast, searchable, starting_images
-from .prior_network import Architecture, PriorNetwork, SignedNetwork
+from .prior_network import SEEN, Architecture, PriorNetwork, SignedNetwork
 from .provenance import NetworkLearning
 from .unknowns import low_pass
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
-SEEN = 16  # cells along a side of most images in training
 SMALL = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 

@@ -2,8 +2,10 @@
 
 The latter maps the histograms of cells to the expected image.  Its inputs are the histograms recovered from a
 descriptor, their UoCTTI descriptor, and the image that they integrate to (:mod:`.histograms`), to which it predicts a
-correction.  Images are normalised to about unit variance, and enlarged or shrunk to cells of :data:`CELL` pixels: the
-statistics of photographs hardly depend on scale.
+correction.  Images are enlarged or shrunk to cells of :data:`CELL` pixels, since the statistics of photographs hardly
+depend on scale.  They are normalised to about zero mean and unit variance among the :data:`SEEN` × :data:`SEEN` cells
+around each pixel, as many as the network was trained on: beside a mountain a sky has little contrast, and would get the
+mountain's noise.
 """
 
 from __future__ import annotations
@@ -11,11 +13,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import gelu, interpolate, pad, pixel_shuffle, pixel_unshuffle
+from torch.nn.functional import avg_pool2d, gelu, interpolate, pad, pixel_shuffle, pixel_unshuffle
 
 from ..hog import presets
 from ..hog.spec import HOGSpec
@@ -32,6 +34,7 @@ from .histograms import (
 MOMENTUM = 0.02  # of the running means and variances of channels
 
 CELL = 8  # pixels of a cell in the network's images, along each axis
+SEEN = 16  # cells along a side of most images in training
 FINER = 2  # pixels of these images, along each axis, per pixel at the network's last resolution
 BINS = 18  # of 20° each
 SPEC = presets.uoctti(CELL)  # of its inputs
@@ -136,21 +139,49 @@ def set_to_zero(layer: nn.Module) -> None:
         nn.init.zeros_(weights)
 
 
-@torch.no_grad()
-def network_inputs(votes: Tensor) -> tuple[Tensor, Tensor]:
-    """The network's inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.cell_votes`, of any scale.
+class NetworkInputs(NamedTuple):
+    """What the network for signed descriptors sees, and what its answer has to be multiplied by and added to."""
 
-    Cells (B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral; and the integral
-    (B, 1, 8R, 8C), the image of the histograms, with zero mean and unit variance.
-    """
+    cells: Tensor
+    """(B, 18 + 31 + 64, R, C): the histograms, their descriptor, and the pixels of the integral."""
+    integral: Tensor
+    """(B, 1, 8R, 8C): the image of the histograms, normalised."""
+    contrast: Tensor
+    """(B, 1, R, C): what it was divided by."""
+    mean: Tensor
+    """(B, 1, R, C): what was subtracted from it before."""
+
+
+@torch.no_grad()
+def network_inputs(votes: Tensor) -> NetworkInputs:
+    """The inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.cell_votes`, of any scale."""
     size = CELL * votes.shape[2], CELL * votes.shape[3]
     votes = at_nominal_contrast(votes, SPEC, size)
     integral = integrate(*mean_gradient(votes, SPEC, *size))
-    contrast = integral.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=FLAT)
-    integral = (integral - integral.mean(dim=(2, 3), keepdim=True)) / contrast
+    mean = _mean_around(integral)
+    contrast = (_mean_around(integral.square()) - mean.square()).clamp(min=FLAT**2).sqrt()
+    integral = (integral - _of_pixels(mean)) / _of_pixels(contrast)
     of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
     entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
-    return torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1), integral
+    cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1)
+    return NetworkInputs(cells, integral, contrast, mean)
+
+
+def _mean_around(images: Tensor) -> Tensor:
+    """The mean of images (B, 1, 8R, 8C) over the :data:`SEEN` × :data:`SEEN` cells around each cell, (B, 1, R, C).
+
+    Of smaller images it is the mean of the whole; near the border it is that of the outermost such square.
+    """
+    cells = avg_pool2d(images, CELL)
+    rows, cols = (min(SEEN, n) for n in cells.shape[2:])
+    means = avg_pool2d(cells, (rows, cols), stride=1)
+    left, right, top, bottom = (cols - 1) // 2, cols // 2, (rows - 1) // 2, rows // 2
+    return pad(means, (left, right, top, bottom), mode="replicate")
+
+
+def _of_pixels(cells: Tensor) -> Tensor:
+    """Values of cells (B, 1, R, C) for each of their pixels, (B, 1, 8R, 8C)."""
+    return interpolate(cells, scale_factor=CELL, mode="bilinear", align_corners=False)
 
 
 class SignedNetwork(PriorNetwork):
@@ -196,8 +227,9 @@ class SignedNetwork(PriorNetwork):
         return _resized(images, spec.cell_size, size), votes
 
     def _image(self, votes: Tensor) -> Tensor:
-        image: Tensor = self(*network_inputs(votes))
-        return image
+        inputs = network_inputs(votes)
+        normalised: Tensor = self(inputs.cells, inputs.integral)
+        return normalised * _of_pixels(inputs.contrast) + _of_pixels(inputs.mean)
 
     def forward(self, cells: Tensor, integral: Tensor) -> Tensor:
         """Images of about zero mean and unit variance."""

@@ -18,8 +18,7 @@ from ..hog import presets
 from ..hog.descriptor import histograms, hog
 from ..hog.spec import HOGSpec
 from .histograms import recover_histograms
-from .learned import SEEN
-from .prior_network import SignedNetwork, network_inputs
+from .prior_network import SEEN, SignedNetwork, network_inputs
 from .unsigned_network import FINER, MOST_CELLS, UnsignedNetwork, normalised, with_sign_of
 
 BATCH = 32  # windows of at most :data:`SEEN` cells a side; of larger ones fewer
@@ -35,7 +34,6 @@ PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
 
 LEAST_SIDE, LARGE = 0.5, 0.6  # least side of unsigned windows, relative to the largest possible; share of the largest
 TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows; most degrees; largest log-ratio of the stretches
-OF_MEAN = 0.5  # weight of the mean images' loss beside that of the images up to their sign
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
 DALAL_TRIGGS = presets.dalal_triggs()
 # whose descriptors do not determine histograms: values are clipped, cells lose contrast
@@ -46,8 +44,9 @@ RECOVERY = 40  # evaluations for their histograms
 class WindowTraining(ABC):
     """The batches of windows and the loss of a training, with at most as many windows as images in an epoch.
 
-    Of a folder of n images each is drawn with a chance of 1/√n, so that large folders do not decide alone.  Everything
-    random depends only on the seed and the epoch, so that an interruption does not change it.
+    Of a folder of n images of s pixels a side each is drawn with a chance of √(s / n): large folders do not decide
+    alone, and large images have more windows.  Everything random depends only on the seed and the epoch, so that an
+    interruption does not change it.
     """
 
     default_crops: int  # of all epochs
@@ -60,7 +59,8 @@ class WindowTraining(ABC):
     def __init__(self, images: Mapping[str, Tensor], seed: int) -> None:
         folders = [PurePosixPath(name).parent for name in images]
         in_folder = Counter(folders)
-        chances = [1 / math.sqrt(in_folder[folder]) for folder in folders]
+        sides = [math.sqrt(image.numel()) for image in images.values()]
+        chances = [math.sqrt(side / in_folder[folder]) for side, folder in zip(sides, folders, strict=True)]
         drawn = list(zip(images.values(), chances, strict=True))
         self.held_out = drawn[HELD_OUT // 2 :: HELD_OUT]
         some = [each for k, each in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
@@ -143,7 +143,8 @@ class SignedTraining(WindowTraining):
         return SignedNetwork.recovered(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
 
     def _batch(self, votes: Tensor, windows: Tensor) -> _SignedBatch:
-        return _SignedBatch(*network_inputs(votes), windows)
+        inputs = network_inputs(votes)
+        return _SignedBatch(inputs.cells, inputs.integral, windows)
 
     def loss(self, network: nn.Module, batch: _SignedBatch) -> Tensor:
         windows, image = batch.windows, network(batch.cells, batch.integral)
@@ -177,15 +178,22 @@ class UnsignedTraining(WindowTraining):
     """For unsigned descriptors.
 
     The loss is the smaller of the squared errors to the image and to its negative, so that the signs of regions can
-    become consistent whichever side is the brighter one; and, of the mean images, the squared error to the image.
-    Windows of smaller cells are seen together with the prediction for cells twice as large, which has the right sign.
+    become consistent whichever side is the brighter one; and, of the polarity, the cross entropy of the choice between
+    an image, a mixture of the prediction and the true image, and its negative.  Windows of smaller cells are seen
+    together with the prediction for cells twice as large, which has the right sign.
 
     Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
     """
 
     default_crops = 300_000  # about an hour and a half on two cores, estimated from the time of a step
     learning_rate, weight_decay, gamma = 1.2e-3, 0.03, 0.45
-    dialects = ([PAPER, SKIMAGE],) * 4 + ([PAPER, OPENCV], [SKIMAGE, OPENCV], [PAPER, MASKFEAT], [PAPER, DALAL_TRIGGS])
+    dialects = ([PAPER, SKIMAGE],) * 3 + (
+        [PAPER, OPENCV],
+        [SKIMAGE, OPENCV],
+        [PAPER, MASKFEAT],
+        [PAPER, DALAL_TRIGGS],
+        [OPENCV, DALAL_TRIGGS],
+    )
     grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8)) + ((32, 32),) * 2
 
     def _scale(self, largest: float, rng: random.Random) -> float:
@@ -207,14 +215,18 @@ class UnsignedTraining(WindowTraining):
         return _UnsignedBatch(votes, _target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
-        images = batch.images
-        with torch.no_grad():
-            coarser, _ = network.coarser(batch.votes)
-        regions, mean = network(batch.votes, with_sign_of(coarser, images))
-        if max(batch.votes.shape[2:]) > MOST_CELLS:
-            return mse_loss(regions, images)
+        votes, images = batch
+        if max(votes.shape[2:]) > MOST_CELLS:
+            with torch.no_grad():
+                coarser = network.coarser(votes, network.largest_cells(votes))
+            return mse_loss(network(votes, with_sign_of(coarser, images)), images)
+        regions = network(votes, torch.zeros_like(images))
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        return torch.minimum(apart, negative).mean() + OF_MEAN * mse_loss(mean, images)
+        predicted = with_sign_of(normalised(regions.detach()), images)
+        share = torch.rand(len(images), 1, 1, 1, device=images.device)
+        share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
+        odds = network.polarity(votes, predicted, normalised(share * images + (1 - share) * predicted))
+        return torch.minimum(apart, negative).mean() - logsigmoid(odds).mean()
 
     @torch.no_grad()
     def calibrate(self, network: UnsignedNetwork) -> None:
@@ -224,16 +236,17 @@ class UnsignedTraining(WindowTraining):
         specs = (PAPER, OPENCV)
         odds = torch.stack([self._odds(network, image, spec) for image, _ in self.held_out for spec in specs])
         chances = odds.new_tensor([chance for _, chance in self.held_out for _ in specs])
-        factors = torch.logspace(-1, 3, 401)
-        likelihood = logsigmoid(factors[:, None] * odds) @ chances
-        network.certainty.mul_(float(factors[likelihood.argmax()]))
+        factors = torch.logspace(-1, 1, 201)
+        likelihood = chances @ logsigmoid(odds[:, :, None] * factors).mean(dim=1)
+        network.polarity.out.weight.mul_(float(factors[likelihood.argmax()]))
 
     def _odds(self, network: UnsignedNetwork, image: Tensor, spec: HOGSpec) -> Tensor:
-        """The log-odds () of the network's prediction for a whole image, negative if its polarity is wrong."""
-        window = _whole(image)
-        regions, mean = network.regions_of(self._votes(window, spec).to(network.certainty.device))
-        right = (normalised(regions).cpu() * _target(window)).sum()
-        return network.log_odds(regions, mean).cpu().squeeze() * torch.sign(right)
+        """(2,): log-odds of the prediction for a whole image, with the right sign, and of the image itself."""
+        window, device = _whole(image), network.polarity.out.weight.device
+        votes, target = (tensor.to(device) for tensor in (self._votes(window, spec), _target(window)))
+        largest = network.largest_cells(votes)
+        predicted = with_sign_of(largest.regions, target)
+        return torch.cat([network.log_odds(shown, largest) for shown in (predicted, target)]).cpu()
 
 
 def _turned(windows: Tensor, rng: random.Random) -> Tensor:

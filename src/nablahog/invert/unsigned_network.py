@@ -6,8 +6,8 @@ cells so large that they are at most :data:`MOST_CELLS` along a side, and predic
 along each axis.  Then it sees cells half as large together with that image, and so on until they are the descriptor's.
 The details come from the descriptor.
 
-It predicts two images: one up to its sign, and the mean of all photographs with these histograms.  The more the two
-correlate, the surer it is that the first is the photograph and not its negative.
+That image is one up to its sign.  A second part, the polarity, predicts the probability that an image is the photograph
+and not its negative.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import copy
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -36,6 +37,7 @@ WHOLE = 4  # parts along each axis, for the layers over the whole image
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
 DROPOUT = 0.1  # share of channels and units dropped in training, in the layers over the whole image
 DRAWN = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
+POLARITY_WIDTHS = (48, 96, 128)
 FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
@@ -77,10 +79,53 @@ class _WholeImage(nn.Module):
         return x + correction
 
 
-class UnsignedNetwork(PriorNetwork):
-    """From votes (B, 9, R, C) and coarser images (B, 1, 2R, 2C) to images up to their sign, and mean images.
+class _Polarity(nn.Module):
+    """From votes (B, 9, R, C) and images (B, 1, 2R, 2C) to log-odds (B,) that these are not negatives.
 
-    A U-Net, down to a quarter of the grid and up again; 4.6 million weights by default.
+    It also sees the prediction up to its sign, with the sign of the images.  The log-odds are a function of both minus
+    the same function of their negatives.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third = POLARITY_WIDTHS
+        self.body = nn.Sequential(
+            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
+            ResidualBlock(first),
+            nn.GELU(),
+            nn.Conv2d(first, second, 2, stride=2),
+            ResidualBlock(second),
+            nn.GELU(),
+            nn.Conv2d(second, third, 2, stride=2),
+            ResidualBlock(third, DROPOUT),
+            nn.GELU(),
+            nn.AdaptiveAvgPool2d(WHOLE),
+            nn.Flatten(),
+            nn.Linear(third * WHOLE**2, 64),
+            nn.GELU(),
+            nn.Dropout(0.5),
+        )
+        self.out = nn.Linear(64, 1, bias=False)
+
+    def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        seen = pixel_unshuffle(torch.cat([with_sign_of(regions, images), images], dim=1), FINER)
+        both = torch.cat([torch.cat([compressed(votes), sign * seen], dim=1) for sign in (1.0, -1.0)])
+        one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
+        odds: Tensor = self.out(one - negative)
+        return odds.squeeze(1).float()
+
+
+class LargestCells(NamedTuple):
+    """Votes (B, 9, R, C) of the cells seen first, and the prediction for them, (B, 1, 2R, 2C), up to its sign."""
+
+    votes: Tensor
+    regions: Tensor
+
+
+class UnsignedNetwork(PriorNetwork):
+    """From votes (B, 9, R, C) and coarser images (B, 1, 2R, 2C) to images of that size, up to their sign.
+
+    A U-Net, down to a quarter of the grid and up again, and the polarity; 5.3 million weights by default.
     """
 
     KIND = "unsigned"
@@ -100,14 +145,11 @@ class UnsignedNetwork(PriorNetwork):
         self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
         self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
         self.whole = _WholeImage(widths[-1])
-        self.out = nn.Conv2d(widths[0], 2 * FINER**2, 3, padding=1)
-        self.certainty = nn.Parameter(torch.ones(1))  # calibrated after training
+        self.out = nn.Conv2d(widths[0], FINER**2, 3, padding=1)
+        self.polarity = _Polarity()
 
-    def forward(self, votes: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
-        """Images up to their sign, and mean images, (B, 1, 2R, 2C) each, of about unit variance.
-
-        ``coarser`` are images (B, 1, 2R, 2C) of cells twice as large, zero mean and unit variance; or 0.
-        """
+    def forward(self, votes: Tensor, coarser: Tensor) -> Tensor:
+        """Images of about unit variance; the coarser ones of zero mean and unit variance, or 0."""
         x, levels = self.inp(torch.cat([compressed(votes), pixel_unshuffle(coarser, FINER)], dim=1)), []
         for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
             levels.append(blocks(x))
@@ -115,8 +157,7 @@ class UnsignedNetwork(PriorNetwork):
         x = self.up[-1](self.whole(self.down[-1](x)))
         for level in range(len(levels) - 1, -1, -1):
             x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
-        regions, mean = pixel_shuffle(self.out(gelu(x)), FINER).float().chunk(2, dim=1)
-        return regions, mean
+        return pixel_shuffle(self.out(gelu(x)), FINER).float()
 
     @staticmethod
     def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
@@ -136,8 +177,9 @@ class UnsignedNetwork(PriorNetwork):
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
         votes, inputs = self.recovered(descriptor, spec, size, votes)
-        regions, mean = self.regions_of(inputs)
-        images = torch.where(self.log_odds(regions, mean).reshape(-1, 1, 1, 1) < 0, -regions, regions)
+        largest = self.largest_cells(inputs)
+        regions = self.regions_of(inputs, largest)
+        images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
 
     def draws(
@@ -155,8 +197,10 @@ class UnsignedNetwork(PriorNetwork):
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
                 layer.train().p = DRAWN
         with seeded(seed):
-            regions, mean = network.regions_of(inputs.expand(count, -1, -1, -1))
-            likely = torch.sigmoid(self.log_odds(regions, mean))
+            inputs = inputs.expand(count, -1, -1, -1)
+            largest = network.largest_cells(inputs)
+            regions = network.regions_of(inputs, largest)
+            likely = torch.sigmoid(self.log_odds(regions, largest))
             kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
         return torch.where(kept, regions, -regions)
 
@@ -165,33 +209,47 @@ class UnsignedNetwork(PriorNetwork):
     ) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
         _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]), votes)
-        return torch.sigmoid(self.log_odds(images, self.regions_of(inputs)[1]))
+        return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
 
-    def regions_of(self, votes: Tensor) -> tuple[Tensor, Tensor]:
-        """Images up to their sign (B, 1, 2R, 2C), and mean images of the largest cells, for votes (B, 9, R, C).
+    def largest_cells(self, votes: Tensor) -> LargestCells:
+        """What is seen at first, in cells so large that they are at most :data:`MOST_CELLS` along a side."""
+        while max(votes.shape[2:]) > MOST_CELLS:
+            votes = _in_larger_cells(votes)
+        nothing = votes.new_zeros(len(votes), 1, FINER * votes.shape[2], FINER * votes.shape[3])
+        return LargestCells(votes, self._of_both(votes, nothing))
 
-        Each is the mean over the image and its mirror image.
-        """
-        coarser, mean = self.coarser(votes)
-        regions, own_mean = self(votes, coarser)
-        mirrored, mirrored_mean = (image.flip(3) for image in self(self.mirrored(votes), coarser.flip(3)))
-        regions = (regions + with_sign_of(mirrored, regions)) / 2
-        return regions, (own_mean + mirrored_mean) / 2 if mean is None else mean
+    def regions_of(self, votes: Tensor, largest: LargestCells) -> Tensor:
+        """Images up to their sign (B, 1, 2R, 2C) for votes (B, 9, R, C), given what was seen at first."""
+        if max(votes.shape[2:]) <= MOST_CELLS:
+            return largest.regions
+        return self._of_both(votes, self.coarser(votes, largest))
 
-    def coarser(self, votes: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Images (B, 1, 2R, 2C) of cells twice as large, and mean images; 0 and None if the cells are few."""
-        rows, cols = votes.shape[2:]
-        if max(rows, cols) <= MOST_CELLS:
-            return votes.new_zeros(len(votes), 1, FINER * rows, FINER * cols), None
-        regions, mean = self.regions_of(_at_grid(votes, rows / 2, cols / 2))
-        size = (FINER * rows, FINER * cols)
-        return interpolate(normalised(regions), size=size, mode="bilinear", align_corners=False), mean
+    def coarser(self, votes: Tensor, largest: LargestCells) -> Tensor:
+        """Images (B, 1, 2R, 2C) up to their sign, predicted for cells twice as large."""
+        regions = normalised(self.regions_of(_in_larger_cells(votes), largest))
+        size = (FINER * votes.shape[2], FINER * votes.shape[3])
+        return interpolate(regions, size=size, mode="bilinear", align_corners=False)
 
-    def log_odds(self, images: Tensor, mean: Tensor) -> Tensor:
-        """The log-odds (B,) that images (B, 1, H, W) are not negatives, by mean images (B, 1, h, w)."""
-        size = (mean.shape[2], mean.shape[3])
+    def _of_both(self, votes: Tensor, coarser: Tensor) -> Tensor:
+        """The mean of the predictions for the image and for its mirror image, up to its sign."""
+        regions: Tensor = self(votes, coarser)
+        mirrored: Tensor = self(self.mirrored(votes), coarser.flip(3))
+        return (regions + with_sign_of(mirrored.flip(3), regions)) / 2
+
+    def log_odds(self, images: Tensor, largest: LargestCells) -> Tensor:
+        """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image."""
+        votes, regions = largest
+        size = (regions.shape[2], regions.shape[3])
         small = normalised(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
-        return self.certainty * (small * mean).mean(dim=(1, 2, 3))
+        regions = normalised(regions)
+        odds: Tensor = self.polarity(votes, regions, small)
+        mirrored: Tensor = self.polarity(self.mirrored(votes), regions.flip(3), small.flip(3))
+        return (odds + mirrored) / 2
+
+
+def _in_larger_cells(votes: Tensor) -> Tensor:
+    """Votes (B, 9, R, C) of cells about twice as large."""
+    return _at_grid(votes, votes.shape[2] / 2, votes.shape[3] / 2)
 
 
 def _at_grid(votes: Tensor, rows: float, cols: float) -> Tensor:
