@@ -3,9 +3,9 @@
 The latter maps the histograms of cells to the expected image.  Its inputs are the histograms recovered from a
 descriptor, their UoCTTI descriptor, and the image that they integrate to (:mod:`.histograms`), to which it predicts a
 correction.  Images are enlarged or shrunk to cells of :data:`CELL` pixels, since the statistics of photographs hardly
-depend on scale.  They are normalised to about zero mean and unit variance among the :data:`SEEN` × :data:`SEEN` cells
-around each pixel, as many as the network was trained on: beside a mountain a sky has little contrast, and would get the
-mountain's noise.
+depend on scale.  They are normalised by the variance among the :data:`SEEN` × :data:`SEEN` cells around each pixel, as
+many as the network was trained on, and by the mean among four times as many: beside a mountain a sky has little
+contrast, and would get the mountain's noise.
 """
 
 from __future__ import annotations
@@ -158,8 +158,8 @@ def network_inputs(votes: Tensor) -> NetworkInputs:
     size = CELL * votes.shape[2], CELL * votes.shape[3]
     votes = at_nominal_contrast(votes, SPEC, size)
     integral = integrate(*mean_gradient(votes, SPEC, *size))
-    mean = _mean_around(integral)
-    contrast = (_mean_around(integral.square()) - mean.square()).clamp(min=FLAT**2).sqrt()
+    variance = _mean_around(integral.square(), SEEN) - _mean_around(integral, SEEN).square()
+    mean, contrast = _mean_around(integral, 2 * SEEN), variance.clamp(min=FLAT**2).sqrt()
     integral = (integral - _of_pixels(mean)) / _of_pixels(contrast)
     of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
     entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
@@ -167,13 +167,13 @@ def network_inputs(votes: Tensor) -> NetworkInputs:
     return NetworkInputs(cells, integral, contrast, mean)
 
 
-def _mean_around(images: Tensor) -> Tensor:
-    """The mean of images (B, 1, 8R, 8C) over the :data:`SEEN` × :data:`SEEN` cells around each cell, (B, 1, R, C).
+def _mean_around(images: Tensor, side: int) -> Tensor:
+    """The mean of images (B, 1, 8R, 8C) over the square of ``side`` cells around each cell, (B, 1, R, C).
 
     Of smaller images it is the mean of the whole; near the border it is that of the outermost such square.
     """
     cells = avg_pool2d(images, CELL)
-    rows, cols = (min(SEEN, n) for n in cells.shape[2:])
+    rows, cols = (min(side, n) for n in cells.shape[2:])
     means = avg_pool2d(cells, (rows, cols), stride=1)
     left, right, top, bottom = (cols - 1) // 2, cols // 2, (rows - 1) // 2, rows // 2
     return pad(means, (left, right, top, bottom), mode="replicate")
