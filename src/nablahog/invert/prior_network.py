@@ -160,7 +160,7 @@ def network_inputs(votes: Tensor) -> NetworkInputs:
     integral = integrate(*mean_gradient(votes, SPEC, *size))
     variance = _mean_around(integral.square(), SEEN) - _mean_around(integral, SEEN).square()
     mean, contrast = _mean_around(integral, 2 * SEEN), variance.clamp(min=FLAT**2).sqrt()
-    integral = (integral - _of_pixels(mean)) / _of_pixels(contrast)
+    integral = (integral - _at_pixels(mean)) / _at_pixels(contrast)
     of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
     entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
     cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1)
@@ -179,8 +179,8 @@ def _mean_around(images: Tensor, side: int) -> Tensor:
     return pad(means, (left, right, top, bottom), mode="replicate")
 
 
-def _of_pixels(cells: Tensor) -> Tensor:
-    """Values of cells (B, 1, R, C) for each of their pixels, (B, 1, 8R, 8C)."""
+def _at_pixels(cells: Tensor) -> Tensor:
+    """Values of cells (B, 1, R, C), interpolated at their pixels, (B, 1, 8R, 8C)."""
     return interpolate(cells, scale_factor=CELL, mode="bilinear", align_corners=False)
 
 
@@ -229,7 +229,7 @@ class SignedNetwork(PriorNetwork):
     def _image(self, votes: Tensor) -> Tensor:
         inputs = network_inputs(votes)
         normalised: Tensor = self(inputs.cells, inputs.integral)
-        return normalised * _of_pixels(inputs.contrast) + _of_pixels(inputs.mean)
+        return normalised * _at_pixels(inputs.contrast) + _at_pixels(inputs.mean)
 
     def forward(self, cells: Tensor, integral: Tensor) -> Tensor:
         """Images of about zero mean and unit variance."""
