@@ -14,7 +14,7 @@ from torch import Tensor
 from nablahog import HOGSpec, presets
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose import estimate_pose
-from nablahog.pose.background import coarse_background
+from nablahog.pose.background import FINE, pose_spec
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.model import prepared_model
@@ -33,12 +33,12 @@ from nablahog.render import Mesh, render
 
 from ..chairs import chair
 
-SPEC = coarse_background(None)[0].spec
+SPEC = pose_spec(FINE)
 LEARNING = ViewpointLearning(scenes=64, photographs=1, sha256="", seed=0, epochs=1, losses=(1.0,))
 
 
 def _noise(count: int, seed: int = 0) -> Tensor:
-    return torch.rand(count, SPEC.channels, 16, 16, generator=torch.Generator().manual_seed(seed))
+    return torch.rand(count, 1, 128, 128, generator=torch.Generator().manual_seed(seed))
 
 
 def _prior(spec: HOGSpec = SPEC, width: int = 2, seed: int = 0) -> ViewpointPrior:
@@ -53,26 +53,26 @@ def test_a_mirrored_image_has_the_mirrored_descriptor() -> None:
 
 
 def test_probabilities_add_up_and_are_mirrored_with_the_image() -> None:
-    prior, descriptors = _prior(), _noise(5)
-    likely = prior.log_probabilities(descriptors)
+    prior, images = _prior(), _noise(5)
+    likely = prior.log_probabilities(images)
     torch.testing.assert_close(likely.exp().sum(1), torch.ones(5))
-    torch.testing.assert_close(prior.log_probabilities(mirrored(descriptors))[:, [-k % 48 for k in range(48)]], likely)
+    torch.testing.assert_close(prior.log_probabilities(images.flip(3))[:, [-k % 48 for k in range(48)]], likely)
 
 
 @given(st.floats(0.01, 100))
 def test_contrast_does_not_count(factor: float) -> None:
-    prior, descriptors = _prior(), _noise(2)
-    torch.testing.assert_close(prior.log_probabilities(factor * descriptors), prior.log_probabilities(descriptors))
+    network, descriptors = ViewpointNetwork(SPEC.channels, 2).eval(), describe(_noise(2), SPEC)
+    torch.testing.assert_close(network(factor * descriptors), network(descriptors))
 
 
-def test_an_empty_descriptor_has_finite_probabilities() -> None:
-    assert _prior().log_probabilities(torch.zeros(1, SPEC.channels, 16, 16)).isfinite().all()
+def test_a_constant_image_has_finite_probabilities() -> None:
+    assert _prior().log_probabilities(torch.zeros(1, 1, 128, 128)).isfinite().all()
 
 
 def test_a_batch_is_its_descriptors_one_by_one() -> None:
-    prior, descriptors = _prior(), _noise(4)
-    one_by_one = torch.cat([prior.log_probabilities(one[None]) for one in descriptors])
-    torch.testing.assert_close(prior.log_probabilities(descriptors), one_by_one)
+    prior, images = _prior(), _noise(4)
+    one_by_one = torch.cat([prior.log_probabilities(one[None]) for one in images])
+    torch.testing.assert_close(prior.log_probabilities(images), one_by_one)
 
 
 def test_a_file_holds_the_same_prior(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_file_holds_the_same_prior(tmp_path: Path) -> None:
         (lambda: _prior(presets.uoctti()), "viewpoint prior"),
         (lambda: _prior(width=0), "the width must lie in 1…1024, got 0"),
         (lambda: _prior(width=3), "weights"),
-        (lambda: _prior().log_probabilities(torch.zeros(1, 31, 16, 16)), r"got \(1, 31, 16, 16\)"),
+        (lambda: _prior().log_probabilities(torch.zeros(1, 3, 128, 128)), r"got \(1, 3, 128, 128\)"),
     ],
 )
 def test_what_contradicts_itself_is_refused(make: object, message: str) -> None:
@@ -130,10 +130,9 @@ def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None
     models = {str(seed): chair(seed) for seed in range(10)}
     photographs = [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))]
     scenes = [_scene(index, models, photographs) for index in range(40)]
-    _, shrink = coarse_background(None)
-    crops = torch.cat([crop_object(one.image, one.box).downsampled(shrink).image for one in scenes])
+    crops = torch.cat([crop_object(one.image, one.box).image for one in scenes])
     azimuths = torch.tensor([float(one.pose[0]) for one in scenes])
-    likely = default_viewpoints().log_probabilities(describe(crops, SPEC)).argmax(1)
+    likely = default_viewpoints().log_probabilities(crops).argmax(1)
     apart = ((likely * 7.5 - azimuths + 180) % 360 - 180).abs()
     assert float((apart <= 15).double().mean()) >= 0.6
 

@@ -28,16 +28,19 @@ from .problem import PoseProblem
 from .result import PoseEstimate
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, Surroundings, surroundings, views_around
+from .viewpoint_prior import ViewpointPrior
 from .vote import (
     Hypothesis,
     at_azimuths,
     azimuth_evidence,
     by_score,
     confidence,
+    knows,
     mean_viewpoint,
     more_starts,
     runners_up,
     shares_of_best,
+    turned_to_likely,
     vote,
     with_rival,
 )
@@ -100,7 +103,11 @@ class BestSearch:
         chosen = on_side[:_MOST_OF_A_SIDE]
         ascended = self.ascend_each(chosen)
         agreeing = by_score(ascended)
-        best = self.seen_from(mean_viewpoint(agreeing), agreeing[0])
+        viewpoint = mean_viewpoint(agreeing)
+        if self._prior is not None:
+            likely = self._prior.log_probabilities(agreeing[0].place.crop.image)[0].exp()
+            viewpoint[0] = turned_to_likely(viewpoint[0], likely)
+        best = self.seen_from(viewpoint, agreeing[0])
         traced = [*ascended, *(one for one in voters if one not in chosen)]
         return self._estimate(best, traced, [(each / share, poses[0]) for poses, each in others], agreement=share)
 
@@ -152,11 +159,17 @@ class BestSearch:
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
         return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
 
+    @cached_property
+    def _prior(self) -> ViewpointPrior | None:
+        """The viewpoint prior, if it knows the models."""
+        prior = self.problem.viewpoints
+        return prior if prior is not None and knows(prior, list(self.problem.models.values())) else None
+
     def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
         """Logarithms of the probabilities of the poses' azimuths for any model, (N,)."""
         places = list(dict.fromkeys(one.place for one in poses))  # in a crop of its own a pose would confirm itself
         models = list(self.problem.models.values())
-        evidence = azimuth_evidence(models, places, self.problem.level_penalties, self.problem.viewpoints)
+        evidence = azimuth_evidence(models, places, self.problem.level_penalties, self._prior)
         rows = torch.tensor([places.index(one.place) for one in poses])
         return at_azimuths(evidence[rows], torch.tensor([one.azimuth for one in poses], dtype=torch.float64))
 

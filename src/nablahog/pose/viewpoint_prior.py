@@ -1,4 +1,4 @@
-"""A network from an object's descriptor to the probability of each azimuth, for objects of one class."""
+"""A network from an object's image to the probability of each azimuth, for objects of one class."""
 
 from __future__ import annotations
 
@@ -13,34 +13,36 @@ from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, check_weights, with_weights
-from .background import coarse_background
+from .background import FINE, pose_spec
+from .crop import SIDE
 from .model import VIEW_COUNT
+from .similarity import describe
 
 FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
-CELLS = 16  # of the descriptor, along each side
-WIDTH = 48  # channels of the first layers; the later ones have twice as many
+WIDTH = 48  # channels of the first layer; the later ones have two and four times as many
 _HIDDEN = 128
 _DROPPED = (0.4, 0.3)  # shares, in training, before the last two layers
 _WIDEST = 1024
 
 
 class ViewpointNetwork(nn.Module):
-    """From descriptors (B, C, 16, 16) to logits (B, 48) of azimuths 0°, 7.5°, ….
+    """From descriptors (B, C, 32, 32) to logits (B, 48) of azimuths 0°, 7.5°, ….
 
-    Four 3x3 convolutions, two of which halve the resolution, and two linear layers.  Descriptors are divided by their
-    root mean square first: contrast has no influence.
+    Five 3x3 convolutions, every second of which halves the resolution, and two linear layers.  Descriptors are divided
+    by their root mean square first: contrast has no influence.
     """
 
     def __init__(self, channels: int, width: int = WIDTH) -> None:
         super().__init__()
-        widths = [channels, width, width, 2 * width, 2 * width]
+        widths = [channels, width, 2 * width, 2 * width, 4 * width, 4 * width]
         layers: list[nn.Module] = []
         for k, (before, after) in enumerate(pairwise(widths)):
-            layers += [nn.Conv2d(before, after, 3, 1 + k % 2, padding=1), nn.BatchNorm2d(after), nn.ReLU()]
+            layers += [nn.Conv2d(before, after, 3, 2 - k % 2, padding=1), nn.BatchNorm2d(after), nn.ReLU()]
         self.features = nn.Sequential(*layers, nn.Flatten())
+        cells = SIDE // FINE // 8
         self.azimuths = nn.Sequential(
             nn.Dropout(_DROPPED[0]),
-            nn.Linear(widths[-1] * (CELLS // 4) ** 2, _HIDDEN),
+            nn.Linear(widths[-1] * cells**2, _HIDDEN),
             nn.ReLU(),
             nn.Dropout(_DROPPED[1]),
             nn.Linear(_HIDDEN, VIEW_COUNT),
@@ -81,10 +83,10 @@ class ViewpointLearning:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ViewpointPrior(LearnedModel):
-    """Which azimuths are likely for a descriptor, learned from scenes of objects of one class.
+    """Which azimuths are likely for an image, learned from scenes of objects of one class.
 
     Attributes:
-        spec: of the descriptors: that of the coarse search.
+        spec: of the descriptors that the network sees: that of the last steps of the search.
         width: of the network.
         weights: all of them, (n,), float16, finite.
         learning: how it was learned.
@@ -93,8 +95,7 @@ class ViewpointPrior(LearnedModel):
         ValueError: these contradict each other.
 
     >>> prior = nablahog.pose.default_viewpoints()
-    >>> descriptors = torch.rand(2, 9, 16, 16)  # as `nablahog.hog(crops, prior.spec)` has them, channels first
-    >>> prior.log_probabilities(descriptors).shape
+    >>> prior.log_probabilities(torch.rand(2, 1, 128, 128)).shape
     torch.Size([2, 48])
     """
 
@@ -114,7 +115,7 @@ class ViewpointPrior(LearnedModel):
     learning: ViewpointLearning
 
     def __post_init__(self) -> None:
-        coarse_background(None)[0].spec.check_same(self.spec, f"the {self.NOUN}")
+        pose_spec(FINE).check_same(self.spec, f"the {self.NOUN}")
         if not 1 <= self.width <= _WIDEST:
             raise ValueError(f"the width must lie in 1…{_WIDEST}, got {self.width}")
         check_weights(self.weights, self._make)
@@ -133,20 +134,20 @@ class ViewpointPrior(LearnedModel):
         return with_weights(self._make, self.weights)
 
     @torch.no_grad()
-    def log_probabilities(self, descriptors: Tensor) -> Tensor:
+    def log_probabilities(self, images: Tensor) -> Tensor:
         """Logarithms of the probabilities (B, 48) of the azimuths 0°, 7.5°, …, float32.
 
         The geometric mean of those for the image and for the mirrored one.
 
         Args:
-            descriptors: (B, C, 16, 16) of objects that fill their crops, of :attr:`spec`, float32.
+            images: (B, 1, 128, 128) of objects that fill their crops, float32 in 0…1.
 
         Raises:
             ValueError: they have another shape.
         """
-        if descriptors.dim() != 4 or descriptors.shape[1:] != (self.spec.channels, CELLS, CELLS):
-            expected = f"(B, {self.spec.channels}, {CELLS}, {CELLS})"
-            raise ValueError(f"expected descriptors of shape {expected}, got {tuple(descriptors.shape)}")
+        if images.dim() != 4 or images.shape[1:] != (1, SIDE, SIDE):
+            raise ValueError(f"expected images of shape (B, 1, {SIDE}, {SIDE}), got {tuple(images.shape)}")
+        descriptors = describe(images, self.spec)
         own, other = (self._network(each).log_softmax(1) for each in (descriptors, mirrored(descriptors)))
         both: Tensor = (own + other.flip(1).roll(1, 1)).div(2).log_softmax(1)
         return both
@@ -163,7 +164,7 @@ def default_viewpoints() -> ViewpointPrior:
         FileNotFoundError: the package was installed without it.
 
     >>> nablahog.pose.default_viewpoints().learning.scenes
-    30000
+    70000
     """
     return ViewpointPrior.load(FILE)
 

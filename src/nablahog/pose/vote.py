@@ -16,18 +16,21 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from .background import coarse_background
+from .crop import FILL
 from .model import (
+    DETAIL,
     VIEW_COUNT,
     PreparedModel,
     azimuth_distance,
     equidistant_azimuths,
+    fit_to_box,
+    level_poses,
     signed_angles,
     view_descriptors,
 )
 from .options import SearchTrace
 from .photograph import PreparedPhotograph
-from .similarity import describe
+from .similarity import white_background
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
@@ -42,8 +45,9 @@ UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the objec
 _TOLD_APART = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SHARPNESS = 0.5  # of the soft maximum, in units of similarity
-_NETWORK = 0.3  # exponent of the network's probabilities, which are too sure of themselves
-_ASKED = 4  # every fourth view of a model is shown to the network, to see whether it knows the class
+_NETWORK = 0.6  # exponent of the network's probabilities, which are too sure of themselves on other chairs
+_ASKED = 8  # so many models, or up to twice as many, are shown to the network, to see whether it knows the class
+_VIEWS = 12  # of each of them
 _ELEVATION = 15.0  # degrees, of these views
 _KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`SAME_SIDE` degrees
 
@@ -120,6 +124,16 @@ def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
     return first + weights @ signed_angles(angles - first) / weights.sum()
 
 
+def turned_to_likely(azimuth: Tensor, likely: Tensor) -> Tensor:
+    """Midway between an azimuth, degrees, and the mean of those on its side, with probabilities (48,) of 0°, 7.5°, ….
+
+    The search and the network are each off by some degrees, for reasons of their own.
+    """
+    apart = signed_angles(equidistant_azimuths(VIEW_COUNT) - azimuth)
+    weights = likely.double() * (apart.abs() <= SAME_SIDE)
+    return azimuth + weights @ apart / weights.sum() / 2
+
+
 def by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """``poses``, the best first."""
     return sorted(poses, key=lambda one: -one.score)
@@ -187,7 +201,7 @@ def azimuth_evidence(
 ) -> Tensor:
     """Logarithms of the probabilities of the azimuths 0°, 7.5°, … in each of several crops, (P, 48), float64.
 
-    ``penalties`` of the similarity are by elevation of the views, degrees; the prior counts if it knows the class.
+    ``penalties`` of the similarity are by elevation of the views, degrees; ``prior`` must know the class.
     """
     weights = torch.stack([photograph.calibrated.weights.flatten() for photograph in photographs], 1)
     sums = torch.zeros(len(photographs), VIEW_COUNT, dtype=torch.float64)
@@ -195,10 +209,10 @@ def azimuth_evidence(
         for model in models:
             views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
             sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
-    evidence, (_, shrink) = _SHARPNESS * sums.log(), coarse_background()  # a soft maximum over models
-    if prior is not None and knows(prior, models):
-        crops = torch.cat([photograph.crop.downsampled(shrink).image for photograph in photographs])
-        evidence += _NETWORK * prior.log_probabilities(describe(crops, prior.spec)).double()
+    evidence = _SHARPNESS * sums.log()  # a soft maximum over models
+    if prior is not None:
+        crops = torch.cat([photograph.crop.image for photograph in photographs])
+        evidence += _NETWORK * prior.log_probabilities(crops).double()
     return evidence.log_softmax(1)
 
 
@@ -214,15 +228,19 @@ def at_azimuths(evidence: Tensor, azimuths: Tensor) -> Tensor:
 
 def knows(prior: ViewpointPrior, models: Sequence[PreparedModel]) -> bool:
     """Whether the prior recognises the azimuths of views of the models: their class, and which side is the front."""
-    return sum(_right_share(prior, model) for model in models) >= _KNOWN * len(models)
+    asked = models[:: max(len(models) // _ASKED, 1)]
+    return sum(_right_share(prior, model) for model in asked) >= _KNOWN * len(asked)
 
 
 @lru_cache(maxsize=2048)
 def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     """Share of the views of a model whose azimuth the prior tells."""
-    likely = prior.log_probabilities(view_descriptors(model, _ELEVATION)[::_ASKED]).argmax(1)
-    apart = signed_angles(likely * (360 / VIEW_COUNT) - equidistant_azimuths(VIEW_COUNT)[::_ASKED])
-    return float((apart.abs() <= SAME_SIDE).double().mean())
+    azimuths = equidistant_azimuths(_VIEWS)
+    poses = fit_to_box(level_poses(azimuths, _ELEVATION), model.hull, model.camera, FILL)
+    background = white_background(model.camera)
+    views = model.renderer(detail=DETAIL).render(poses, background, derivative=False).image[:, None]
+    likely = prior.log_probabilities(views).argmax(1) * (360 / VIEW_COUNT)
+    return float((signed_angles(likely - azimuths).abs() <= SAME_SIDE).double().mean())
 
 
 def confidence(similarity: float, rival: float, lead: float, agreement: float, *, known_model: bool) -> float:
