@@ -24,6 +24,7 @@ from nablahog.invert.histograms import (
     integrate,
     mean_gradient,
     noise,
+    normalization_error,
     recover_histograms,
     searchable,
     starting_images,
@@ -127,6 +128,11 @@ def test_levels_converge_far_from_each_other() -> None:
     result, true = (h.sum(dim=1) for h in (recover_histograms(hog(image, spec), spec), histograms(image, spec)))
     apart = (result.log() - true.log())[true > 0.01 * true.mean()]
     assert apart.std() < 0.1
+
+
+def test_clipped_cells_do_not_run_away() -> None:
+    image = photograph(256)
+    assert float(normalization_error(hog(image, "aubry"), presets.aubry(), (256, 256))) < 0.25
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5])

@@ -121,13 +121,15 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     else:
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
+    most = spec.value_range * math.prod(spec.cell_size)  # of a cell, in one bin, in any photograph
     scale = squared_norm(target)
     _, normalize = steps(target.device, spec)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        return alignment.restore(torch.where(shares[index] > 0, torch.exp(levels.image(level) + entries), 0))
+        votes = most * torch.sigmoid(levels.image(level) + entries - math.log(most))  # else clipped cells run away
+        return alignment.restore(torch.where(shares[index] > 0, votes, 0))
 
     @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
