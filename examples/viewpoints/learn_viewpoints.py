@@ -2,7 +2,7 @@
 
 ``python examples/viewpoints/learn_viewpoints.py --images DIR -o chairs.npz`` renders procedural chairs in front of the
 photographs of a folder, best without chairs, and trains a network to tell azimuths from descriptors.  70,000 scenes
-take an hour on one core of a processor that multiplies numbers in bfloat16: half of it to render, half to train.
+take about an hour on one core of a processor that multiplies numbers in bfloat16: half of it to render, half to train.
 ``estimate_pose(..., viewpoints=ViewpointPrior.load("chairs.npz"))`` uses the result.
 
 The prior that comes with the package was learned by this program, see ``docs/default_viewpoints.md``.

@@ -12,10 +12,10 @@ from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.vote import (
     Hypothesis,
     mean_viewpoint,
+    midway_azimuth,
     more_starts,
     runners_up,
     shares_of_best,
-    turned_to_likely,
     vote,
     with_rival,
 )
@@ -133,8 +133,9 @@ def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
     assert (estimates[0].model, estimates[0].renderings) == (estimates[1].model, estimates[1].renderings)
 
 
-def test_an_azimuth_goes_half_the_way_to_the_likely_ones_on_its_side() -> None:
-    likely = torch.zeros(48)
-    likely[[0, 1, 24]] = torch.tensor([0.25, 0.25, 0.5])  # 0°, 7.5° and the opposite side
-    turned = turned_to_likely(torch.tensor(359.0, dtype=torch.float64), likely)
-    assert float(turned) == pytest.approx(359 + 4.75 / 2)
+def test_the_midway_azimuth_is_between_the_search_and_what_is_likely_on_its_side() -> None:
+    log_probabilities = torch.full((48,), -torch.inf)
+    log_probabilities[[0, 1]] = -1000.0  # 0° and 7.5°, whose probabilities underflow
+    log_probabilities[24] = 0.0  # the opposite side does not count
+    azimuth = midway_azimuth(torch.tensor(359.0, dtype=torch.float64), log_probabilities)
+    assert float(azimuth) == pytest.approx(359 + 4.75 / 2)

@@ -37,10 +37,10 @@ from .vote import (
     confidence,
     knows,
     mean_viewpoint,
+    midway_azimuth,
     more_starts,
     runners_up,
     shares_of_best,
-    turned_to_likely,
     vote,
     with_rival,
 )
@@ -105,8 +105,8 @@ class BestSearch:
         agreeing = by_score(ascended)
         viewpoint = mean_viewpoint(agreeing)
         if self._prior is not None:
-            likely = self._prior.log_probabilities(agreeing[0].place.crop.image)[0].exp()
-            viewpoint[0] = turned_to_likely(viewpoint[0], likely)
+            of_prior = self._prior.log_probabilities(agreeing[0].place.crop.image)[0]
+            viewpoint[0] = midway_azimuth(viewpoint[0], of_prior)
         best = self.seen_from(viewpoint, agreeing[0])
         traced = [*ascended, *(one for one in voters if one not in chosen)]
         return self._estimate(best, traced, [(each / share, poses[0]) for poses, each in others], agreement=share)

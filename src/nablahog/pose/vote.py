@@ -45,7 +45,7 @@ UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the objec
 _TOLD_APART = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SHARPNESS = 0.5  # of the soft maximum, in units of similarity
-_NETWORK = 0.6  # exponent of the network's probabilities, which are too sure of themselves on other chairs
+_NETWORK = 0.6  # exponent of the network's probabilities, beside those of the views
 _ASKED = 8  # so many models, or up to twice as many, are shown to the network, to see whether it knows the class
 _VIEWS = 12  # of each of them
 _ELEVATION = 15.0  # degrees, of these views
@@ -124,14 +124,18 @@ def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
     return first + weights @ signed_angles(angles - first) / weights.sum()
 
 
-def turned_to_likely(azimuth: Tensor, likely: Tensor) -> Tensor:
-    """Midway between an azimuth, degrees, and the mean of those on its side, with probabilities (48,) of 0°, 7.5°, ….
+def midway_azimuth(azimuth: Tensor, log_probabilities: Tensor) -> Tensor:
+    """Midway between an azimuth and the mean of the likely ones on its side, degrees.
 
     The search and the network are each off by some degrees, for reasons of their own.
+
+    Args:
+        azimuth: of the search, a scalar.
+        log_probabilities: those of the network for 0°, 7.5°, …, (48,).
     """
     apart = signed_angles(equidistant_azimuths(VIEW_COUNT) - azimuth)
-    weights = likely.double() * (apart.abs() <= SAME_SIDE)
-    return azimuth + weights @ apart / weights.sum() / 2
+    near = apart.abs() <= SAME_SIDE
+    return azimuth + log_probabilities[near].double().softmax(0) @ apart[near] / 2
 
 
 def by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
