@@ -33,6 +33,7 @@ from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 AFTER_CLOSED_FORM = 60  # evaluations, which suffice after a start in closed form
+_MOST = 20.0  # times the largest vote of a cell at the start, the most that the search may come to
 FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
 
 
@@ -121,14 +122,14 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     else:
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
-    most = spec.value_range * math.prod(spec.cell_size)  # of a cell, in one bin, in any photograph
+    limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MOST)  # else clipped cells run away
     scale = squared_norm(target)
     _, normalize = steps(target.device, spec)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        votes = most * torch.sigmoid(levels.image(level) + entries - math.log(most))  # else clipped cells run away
+        votes = limit[index].exp() * torch.sigmoid(levels.image(level) + entries - limit[index])
         return alignment.restore(torch.where(shares[index] > 0, votes, 0))
 
     @torch.enable_grad()
