@@ -25,6 +25,7 @@ DTYPES = ("float32", "float64", "uint8")
 CASES = [f"{preset} 256 256 {what} 1 1 float32" for preset in PRESETS for what in ("hog", "vjp", "jvp")]
 CASES += [f"{preset} 256 256 {what} 1 1 float64" for preset in PRESETS[:5] for what in ("hog", "vjp")]
 CASES += [f"{preset} 256 256 hog 1 1 uint8" for preset in PRESETS[:5]]
+CASES += [f"uoctti 16 16 {what} 1 1 float32" for what in ("hog", "both")]
 CASES += [f"{preset} 128 64 both 64 1 float32" for preset in PRESETS[:5]]
 CASES += ["paper 128 64 both 1 1 float32", "paper 512 512 both 1 1 float32", "uoctti 512 512 both 1 1 float32"]
 CASES += [f"{preset} 2048 2048 both 1 2 float32" for preset in ("paper", "uoctti", "skimage")]
