@@ -8,7 +8,6 @@ import socket
 from argparse import Namespace
 from pathlib import Path
 
-from ..cli.errors import UserError, as_user_error
 from ..cli.terminal import say
 from ..io.images import read_exif_focal, read_image
 from ..runtime.extras import extra
@@ -24,10 +23,9 @@ def app(arguments: Namespace) -> None:
         from .access import AccessRules
         from .server import make_app
         from .store import Photograph
-    with as_user_error():
-        photographs = [
-            Photograph(Path(path).name, read_image(path), focal=read_exif_focal(path)) for path in arguments.photos
-        ]
+    photographs = [
+        Photograph(Path(path).name, read_image(path), focal=read_exif_focal(path)) for path in arguments.photos
+    ]
     listening = listen(arguments.host, arguments.port)
     port = listening.getsockname()[1]
     token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)
@@ -49,7 +47,7 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         reason = (error.strerror or str(error)).partition(" (while")[0]  # Python repeats the address
         free = "; --port 0 takes a free one" if error.errno == errno.EADDRINUSE else ""
-        raise UserError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
+        raise ValueError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
     # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return made

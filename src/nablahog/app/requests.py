@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta, Struct, field
 
 from ..cli.arguments.presets import PRESETS, SpecOptions
-from ..cli.errors import MOST_CHARACTERS, UserError
+from ..cli.errors import MOST_CHARACTERS
 from ..hog import HOGSpec
 from ..invert.choices import QualityName
 from ..pose.options import SearchMethod
@@ -56,7 +56,7 @@ def as_request_error() -> Iterator[None]:
         yield
     except RequestError:
         raise
-    except (ValueError, TypeError, UserError, OSError) as error:
+    except (ValueError, TypeError, OSError) as error:
         raise RequestError(422, str(error)) from None
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):

@@ -15,19 +15,6 @@ SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
 
 
-class UserError(Exception):
-    """An error that the user can correct; its message is one sentence."""
-
-
-@contextmanager
-def as_user_error(prefix: str = "") -> Iterator[None]:
-    """Turns a ValueError in the block into a UserError with a prefix."""
-    try:
-        yield
-    except ValueError as error:
-        raise UserError(f"{prefix}{error}") from None
-
-
 def tell(command: str, message: str) -> None:
     """Prints a line on stderr; ``command`` is its name without ``nablahog``."""
     print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
@@ -47,23 +34,23 @@ class Skipping:
 
     @contextmanager
     def each(self, path: str) -> Iterator[None]:
-        """Skips the input ``path`` if the block raises ValueError, OSError or UserError."""
+        """Skips the input ``path`` if the block raises ValueError or OSError."""
         try:
             yield
-        except (ValueError, OSError, UserError) as error:
+        except (ValueError, OSError) as error:
             named = path in str(error) or str(Path(path)) in str(error)
             message = str(error) if named else f"{path}: {error}"
             if self.count == 1:
-                raise UserError(message) from None
+                raise ValueError(message) from None
             self.skipped.append(
                 {"input": path, "error": message.removeprefix(f"{path}: ").removeprefix(f"{Path(path)}: ")}
             )
             tell(self.command, f"skipped: {message}")
 
     def check(self) -> None:
-        """Raises UserError if all inputs were skipped."""
+        """Raises ValueError if all inputs were skipped."""
         if len(self.skipped) == self.count:
-            raise UserError(f"none of the {self.count} inputs can be used")
+            raise ValueError(f"none of the {self.count} inputs can be used")
 
     @property
     def status(self) -> int:
@@ -71,8 +58,8 @@ class Skipping:
 
 
 def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
-    """Raises UserError if a result would be written to an input file."""
+    """Raises ValueError if a result would be written to an input file."""
     read = {os.path.realpath(path) for path in inputs}
     for target in targets:
         if os.path.realpath(target) in read:
-            raise UserError(f"the result {target} would overwrite an input: expected another -o")
+            raise ValueError(f"the result {target} would overwrite an input: expected another -o")

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from ..runtime.extras import MissingExtra
 from ..runtime.text import one_line
 from .arguments import options
 from .arguments.invert import demo, glyph, hog, invert
 from .arguments.options import Parser
 from .arguments.pose import pose
 from .arguments.tables import KINDS, learn, table1, table2
-from .errors import MOST_CHARACTERS, UserError, tell
+from .errors import MOST_CHARACTERS, tell
 
 PORT = 8765
 LAST_PORT = 65535
@@ -121,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader has closed the pipe; Python would fail again when it flushes stdout at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (UserError, OSError, MissingExtra) as error:
+    except (ValueError, OSError) as error:
         return _failed(command, str(error))
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):

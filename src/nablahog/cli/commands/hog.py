@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
+from ...io.arrays import naming
 from ...io.descriptor_file import save_descriptor
 from ...io.files import local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
@@ -25,7 +26,7 @@ from ...runtime.text import counted, decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
-from ..errors import SOME_SKIPPED, UserError, as_user_error, forbid_overwrite
+from ..errors import SOME_SKIPPED, forbid_overwrite
 from ..inputs.sources import DATASET, Inputs, Source, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
 
@@ -46,7 +47,7 @@ def hog(arguments: Namespace) -> int:
         return hog_dataset(arguments)
     for option in ("workers", "cluster"):
         if getattr(arguments, option) is not None:
-            raise UserError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
+            raise ValueError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
 
     def write(path: Path, source: Source) -> None:
         save_descriptor(path, source.descriptor, source.spec, source.image_size)
@@ -54,7 +55,7 @@ def hog(arguments: Namespace) -> int:
     is_file = not arguments.output.endswith(os.sep)  # a file of nearly any name, since np.load does not mind
     suffix = Path(arguments.output).suffix.lower()
     if suffix in {*image_endings(), *OTHER_FORMATS} and arguments.output not in arguments.inputs:
-        raise UserError(
+        raise ValueError(
             f"descriptors are written as .npz, which numpy.load reads: expected -o FILE.npz, a folder or "
             f"NAME{DATASET}, got {arguments.output}"
         )
@@ -72,7 +73,7 @@ def glyph(arguments: Namespace) -> int:
 
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
-        raise UserError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
+        raise ValueError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments)
     _write_each(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
@@ -81,7 +82,7 @@ def glyph(arguments: Namespace) -> int:
 
 def _check_stdout(output: str) -> None:
     if output == STDOUT and sys.stdout.isatty():
-        raise UserError("-o - writes bytes, and stdout is a terminal: expected a pipe or a file")
+        raise ValueError("-o - writes bytes, and stdout is a terminal: expected a pipe or a file")
 
 
 def _write_each(
@@ -95,7 +96,7 @@ def _write_each(
     to_stdout = name == STDOUT
     if inputs.many and (to_stdout or (output.suffix and ending.endswith(output.suffix.lower()))):
         got = "stdout" if to_stdout else f"the file name {output}"
-        raise UserError(f"several inputs need a folder: expected -o DIR, got {got}")
+        raise ValueError(f"several inputs need a folder: expected -o DIR, got {got}")
     if to_stdout:
         with TemporaryDirectory(prefix="nablahog-stdout-") as temporary:
             write(result := Path(temporary, f"result{ending}"), sources[0])
@@ -128,8 +129,7 @@ def hog_dataset(arguments: Namespace) -> int:
     with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import key_of_shard, shard_name
         from ...jobs.describing import ShardJob
-    with as_user_error():
-        spec = SpecOptions.of(arguments).spec()
+    spec = SpecOptions.of(arguments).spec()
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     size = SIZE if arguments.size is None else arguments.size
     parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
@@ -138,7 +138,7 @@ def hog_dataset(arguments: Namespace) -> int:
     keys = [key_of_shard(job.target) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
         if key not in (None, job.key):
-            raise UserError(f"{job.target} has other images, or another kind of descriptor: expected another -o")
+            raise ValueError(f"{job.target} has other images, or another kind of descriptor: expected another -o")
     missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
     failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
     return _report(target, failed)
@@ -147,7 +147,7 @@ def hog_dataset(arguments: Namespace) -> int:
 def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -> list[str]:
     """Writes the shards; returns why some could not be written."""
     reasons = []
-    with counter("nablahog hog") as progress, as_user_error():
+    with counter("nablahog hog") as progress:
         progress(done, total, "")
         with closing(run_anywhere(jobs, arguments.workers or cores(), arguments.cluster)) as outcomes:
             for index, outcome in outcomes:
@@ -173,7 +173,7 @@ def _paths(arguments: Namespace) -> list[str]:
             else:
                 paths += _expanded(arguments, [line]) if os.path.isdir(line) or glob.has_magic(line) else [line]
     if not paths:
-        raise UserError("there are no images among the inputs")
+        raise ValueError("there are no images among the inputs")
     return paths
 
 
@@ -186,7 +186,7 @@ def _lines(name: str) -> list[str]:
     try:
         lines = [line.strip() for line in decoded(Path(name).read_bytes()).splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{name}: expected a list of images, one per line: {error}") from None
+        raise ValueError(f"{name}: expected a list of images, one per line: {error}") from None
     lines = [line[1:-1] if len(line) > 1 and line[0] == line[-1] == '"' else line for line in lines]
     return [line for line in lines if line and not (line.startswith("#") and not os.path.exists(line))]
 
@@ -194,7 +194,7 @@ def _lines(name: str) -> list[str]:
 def _urls(name: str) -> list[str]:
     """The images of a URL: of a file, pattern or folder; each with the chain, as in ``zip://*.jpg::photos.zip``."""
     system, path = _storage(name)
-    with as_user_error(f"{name}: "):
+    with naming(name):
         if glob.has_magic(path) and not system.exists(path):
             found = list(map(str, system.glob(path)))
         elif system.isdir(path):
@@ -220,19 +220,19 @@ def _storage(name: str) -> tuple[Any, str]:
     try:
         system, path = fsspec.core.url_to_fs(name)
     except Exception as error:  # archives and stores that cannot be opened raise nearly anything
-        raise UserError(f"{name}: {error}") from None
+        raise ValueError(f"{name}: {error}") from None
     return system, str(path)
 
 
 def _check_empty(target: str, own: Sequence[str]) -> None:
-    """Raises UserError if the output holds other shards, which would become a part of the data set."""
+    """Raises ValueError if the output holds other shards, which would become a part of the data set."""
     system, path = _storage(target)
     if system.exists(path) and not system.isdir(path):
-        raise UserError(f"expected a folder for the data set, got the file {target}")
+        raise ValueError(f"expected a folder for the data set, got the file {target}")
     there = {Path(str(each)).name for each in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
     others = there - {Path(each).name for each in own}
     if others:
-        raise UserError(f"{target} holds {counted(len(others), 'shard')} of other images: expected another -o")
+        raise ValueError(f"{target} holds {counted(len(others), 'shard')} of other images: expected another -o")
 
 
 def _report(target: str, reasons: Sequence[str]) -> int:
@@ -240,13 +240,12 @@ def _report(target: str, reasons: Sequence[str]) -> int:
     from ...io.descriptor_dataset import DescriptorDataset
 
     if reasons:
-        raise UserError(f"{counted(len(reasons), 'shard')} could not be written; the first: {reasons[0]}")
-    with as_user_error():
-        data = DescriptorDataset(target)
+        raise ValueError(f"{counted(len(reasons), 'shard')} could not be written; the first: {reasons[0]}")
+    data = DescriptorDataset(target)
     errors = list(data.errors())
     if len(errors) == len(data):
         data.remove()
-        raise UserError(f"no image of {len(data):,} has a descriptor; the first: {': '.join(errors[0])}")
+        raise ValueError(f"no image of {len(data):,} has a descriptor; the first: {': '.join(errors[0])}")
     for path, reason in errors[:SHOWN]:
         inform(f"nablahog hog: skipped: {path}: {reason}")
     say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}")

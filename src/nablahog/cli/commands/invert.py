@@ -21,7 +21,7 @@ from ...io.learned_model import load_once
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
 from ...runtime.cache import code_key
-from ..errors import Skipping, UserError, as_user_error, forbid_overwrite
+from ..errors import Skipping, forbid_overwrite
 from ..inputs.sources import Source, read_inputs
 from ..inputs.templates import read_template_inputs
 from ..results import inversion_page
@@ -98,7 +98,7 @@ def invert(arguments: Namespace) -> int:
 
 
 def _check_options(arguments: Namespace) -> None:
-    """Raises UserError if two options exclude each other."""
+    """Raises ValueError if two options exclude each other."""
     chosen = {
         "--template": arguments.template,
         "--quality fast": arguments.quality == "fast",
@@ -112,7 +112,7 @@ def _check_options(arguments: Namespace) -> None:
     for one, others in _EXCLUDED.items():
         for other in others:
             if chosen[one] and chosen[other]:
-                raise UserError(f"{one} and {other} exclude each other")
+                raise ValueError(f"{one} and {other} exclude each other")
 
 
 def _in_batches(
@@ -150,7 +150,7 @@ def _on_cluster(
     """Inverts sources one by one, on a cluster; reads the results that an earlier run stored."""
     file = None if prior.learned is None else Path(arguments.prior)
     jobs = {index: InversionJob(source, options, file, prior.default) for index, source in enumerate(sources)}
-    with counter("nablahog invert") as progress, as_user_error():
+    with counter("nablahog invert") as progress:
         outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
         for index, outcome in outcomes:
             with skipping.each(sources[index].path):

@@ -17,7 +17,6 @@ from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ..arguments.presets import SpecOptions
-from ..errors import UserError, as_user_error
 from ..terminal import counter, say, say_ignored
 
 SIZE = 512  # pixels on the longer side that photographs are shrunk to
@@ -28,13 +27,12 @@ def learn(arguments: Namespace) -> None:
     learner, output = _learner(arguments.kind), Path(arguments.output)
     noun = learner.model.NOUN
     if output.suffix.lower() != ".npz" or output.is_dir():
-        raise UserError(f"a {noun} is one file: expected -o FILE.npz, got {output}")
-    with as_user_error():
-        spec = _spec(arguments)
-        learner.check(spec)  # before any image is read
-        photographs = _photographs(arguments, learner, spec)
-        options = _options(arguments, spec)
-    with output_folder(output.parent), as_user_error():
+        raise ValueError(f"a {noun} is one file: expected -o FILE.npz, got {output}")
+    spec = _spec(arguments)
+    learner.check(spec)  # before any image is read
+    photographs = _photographs(arguments, learner, spec)
+    options = _options(arguments, spec)
+    with output_folder(output.parent):
         for name, reason in photographs.failed.items():
             say(f"Skipped: {name}: {reason}")
         say_ignored(photographs.ignored)

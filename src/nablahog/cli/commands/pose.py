@@ -27,7 +27,7 @@ from ...render import Mesh, load_mesh, sample_chairs
 from ...render.mesh import Y_UP, axes
 from ...runtime.cache import code_key
 from ...runtime.text import unicode_of
-from ..errors import REFUSED, SOME_SKIPPED, UserError, as_user_error, forbid_overwrite, tell
+from ..errors import REFUSED, SOME_SKIPPED, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, names, rows, write
 from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page
@@ -44,15 +44,14 @@ def pose(arguments: Namespace) -> int:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
     """
-    with as_user_error():
-        objects, photos = _objects(arguments)
-        if arguments.within < 180 and all(one.initial is None for one in objects):
-            raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
-        models = _models(arguments)
+    objects, photos = _objects(arguments)
+    if arguments.within < 180 and all(one.initial is None for one in objects):
+        raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
+    models = _models(arguments)
     folder = Path(arguments.output)
     inputs = [*photos, *filter(None, (arguments.annotations, arguments.mask)), *models.paths.values()]
     forbid_overwrite(inputs, [folder / name for name in names(objects, arguments.page)])
-    with output_folder(folder), as_user_error():
+    with output_folder(folder):
         options = PoseOptions.of(arguments, _readable(models, arguments))
         mask = None if arguments.mask is None else Path(arguments.mask)
         jobs = [ObjectJob(one, photo, mask, options) for one, photo in zip(objects, photos, strict=True)]
@@ -61,7 +60,7 @@ def pose(arguments: Namespace) -> int:
         posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
         failed = [one for one in posed if not one.figures]
         if len(failed) == len(posed):
-            raise UserError(f"no object has a pose; the first: {_named(failed[0])}")
+            raise ValueError(f"no object has a pose; the first: {_named(failed[0])}")
         for each in failed:
             tell("pose", f"skipped: {_named(each)}")
         write(folder, posed, least)

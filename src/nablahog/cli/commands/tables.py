@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ...io.arrays import naming
 from ...io.files import output_folder, write_text
 from ...io.images import SAMPLE_NAMES, sample_photograph
 from ...jobs.worker import cores
@@ -28,7 +29,6 @@ from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
 from ...runtime.text import counted
 from ..arguments.tables import HARDER, SCENES
-from ..errors import UserError, as_user_error
 from ..terminal import counter, print_table, say, say_ignored, say_page
 
 VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
@@ -38,24 +38,23 @@ Objects: TypeAlias = tuple[Examples, dict[str, Examples], dict[str, str]]
 
 def table1(arguments: Namespace) -> None:
     """Makes the table of ``arguments.methods`` on ``arguments.images``."""
-    with as_user_error():
-        files = {kind: Path(file).resolve() for kind, file in arguments.learned or ()}
-        shipped = shipped_files()
-        methods, left_out = choose(arguments.methods, files, shipped)
+    files = {kind: Path(file).resolve() for kind, file in arguments.learned or ()}
+    shipped = shipped_files()
+    methods, left_out = choose(arguments.methods, files, shipped)
     _check_files(files, methods)
     files = {kind: path for kind, path in shipped.items() if any(kind in each.needs for each in methods)} | files
     photographs, origin = _photographs(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
         remarks = table1_page.remarks(left_out, settings.learned, photographs)
-        with counter("nablahog table1") as progress, as_user_error():
+        with counter("nablahog table1") as progress:
             workers = arguments.workers or cores()
             table = run_table1(
                 folder, photographs, methods, settings, workers=workers, cluster=arguments.cluster, progress=progress
             )
         if not any(table.seconds.values()):
             first = table.failures[0]
-            raise UserError(f"no image has a result; the first: {first.image}: {first.reason}")
+            raise ValueError(f"no image has a result; the first: {first.image}: {first.reason}")
         write_table1(folder, table)
         write_text(folder / "index.html", table1_page.page(table, settings, origin, remarks))
     print_table(table1_page.terminal_rows(table))
@@ -69,13 +68,12 @@ def table1(arguments: Namespace) -> None:
 def table2(arguments: Namespace) -> None:
     """Makes the table of ``arguments.methods``."""
     methods = [method for name, method in POSE_METHODS.items() if name in (arguments.methods or POSE_METHODS)]
-    with as_user_error():
-        examples, conditions, passed_over = objects(arguments)
+    examples, conditions, passed_over = objects(arguments)
     with output_folder(arguments.output) as folder:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
         if arguments.cluster is not None:
             (folder / "exemplars").mkdir(exist_ok=True)  # so that workers see that they share the folder
-        with counter("nablahog table2") as progress, as_user_error():
+        with counter("nablahog table2") as progress:
             table = run_table2(
                 folder,
                 examples,
@@ -88,7 +86,7 @@ def table2(arguments: Namespace) -> None:
             )
         if not any(table.seconds.values()):
             first = next(failure for failure in table.failures if failure.method is not None)
-            raise UserError(f"no object has a pose; the first: {first.image}: {first.reason}")
+            raise ValueError(f"no object has a pose; the first: {first.image}: {first.reason}")
         write_table2(folder, table)
         write_text(folder / "index.html", table2_page.page(table, settings))
     say(table.examples.origin)
@@ -110,13 +108,12 @@ def _say_ran(methods: Sequence[Method | PoseMethod], results: Results) -> None:
 
 
 def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
-    """Raises UserError if a learned file cannot be read or is for other descriptors than those of its methods."""
+    """Raises ValueError if a learned file cannot be read or is for other descriptors than those of its methods."""
     for kind, path in files.items():
-        with as_user_error():
-            model = load(kind, path)
+        model = load(kind, path)
         for method in methods:
             if method.needs[:1] == (kind,) and method.spec is not None:
-                with as_user_error(f"{method.name}: "):
+                with naming(method.name):
                     model.check(method.spec)
 
 
@@ -136,8 +133,7 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
         number = counted(len(photographs.images), "photograph")
         return photographs, f"{number} of scikit-image, cut to the middle square."
     folder = Path(arguments.images)
-    with as_user_error():
-        photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
+    photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
     number = counted(len(photographs.images) + len(photographs.failed), "image")
     return photographs, f"{number} of the folder {folder.resolve().name}."
 

@@ -30,7 +30,7 @@ from ...runtime.extras import extra
 from ...runtime.text import unicode_of
 from ..arguments.options import SIZE
 from ..arguments.presets import SpecOptions
-from ..errors import Skipping, UserError, as_user_error
+from ..errors import Skipping
 from ..terminal import inform
 from .arrays import ArrayOptions
 
@@ -52,11 +52,11 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
     empty: list[tuple[str, str]] = []
     named = list(arguments.inputs)
     if named.count(STDIN) > 1:
-        raise UserError("stdin can be read once: expected one - among the inputs")
+        raise ValueError("stdin can be read once: expected one - among the inputs")
     for name in named:
         if os.path.isdir(name):
             if os.path.realpath(name) == os.path.realpath(arguments.output):
-                raise UserError(f"results in the folder {name} would be its inputs next time: expected another -o")
+                raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
             files = _files(os.scandir(name), endings)
             others = sorted({*endings} - image_endings())
             kinds = ", ".join((["images"] if len(others) < len(endings) else []) + others)
@@ -183,11 +183,10 @@ def read_inputs(
         arguments: of the command.
         arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
-        check: raises ValueError or UserError for sources that cannot be used.
+        check: raises ValueError for sources that cannot be used.
         datasets: whether inputs may be data sets of descriptors.
     """
-    with as_user_error():
-        spec_options = SpecOptions.of(arguments)
+    spec_options = SpecOptions.of(arguments)
     array_options = ArrayOptions.of(arguments) if arrays else None
     sets = [name for name in arguments.inputs if datasets and name.rstrip("/").endswith(DATASET)]
     data = [_dataset(name, spec_options) for name in sets]
@@ -207,8 +206,7 @@ def read_inputs(
         which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
         inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
     if array_options is not None and not reader.arrays:
-        with as_user_error():
-            array_options.check_unused()
+        array_options.check_unused()
     return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
@@ -224,13 +222,12 @@ def read_each(expanded: Inputs, read: Callable[[str, str], list[Source]]) -> lis
 
 
 def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
-    """A data set of descriptors; raises UserError if there is none, or its spec contradicts the options."""
+    """A data set of descriptors; raises ValueError if there is none, or its spec contradicts the options."""
     with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import DescriptorDataset
-    with as_user_error():
-        data = DescriptorDataset(name)
-        with naming(Path(name)):
-            options.check(data.spec)
+    data = DescriptorDataset(name)
+    with naming(Path(name)):
+        options.check(data.spec)
     return data
 
 

@@ -20,7 +20,6 @@ from ...io.descriptor_file import Fit
 from ...io.dpm_file import is_dpm_file, load_dpm
 from ...io.files import check_file
 from ..arguments.presets import SpecOptions
-from ..errors import as_user_error
 from .arrays import ArrayOptions
 from .sources import Inputs, Source, expand, read_each
 
@@ -32,8 +31,7 @@ SIGNS = {"positive": 1, "negative": -1}
 
 def read_template_inputs(arguments: Namespace) -> Inputs:
     """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives."""
-    with as_user_error():
-        spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
+    spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
     expanded = expand(arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
 
     def read(path: str, stem: str) -> list[Source]:

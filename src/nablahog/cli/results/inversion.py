@@ -24,7 +24,6 @@ from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
 from ...io.learned_model import load_once
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
-from ..errors import as_user_error
 from ..inputs.sources import Source
 from ..terminal import inform
 
@@ -52,8 +51,7 @@ class PriorOptions:
         """Reads the option ``--prior``."""
         if arguments.prior in (None, NO_PRIOR):
             return cls(None, arguments.prior is None)
-        with as_user_error():
-            return cls(load_once(LearnedPrior, Path(arguments.prior)), False)
+        return cls(load_once(LearnedPrior, Path(arguments.prior)), False)
 
     def check(self, spec: HOGSpec) -> None:
         """Raises ValueError if the prior in the file is not for descriptors of ``spec``."""
