@@ -16,7 +16,7 @@ from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
 from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
-from nablahog.hog.poolings import POOLINGS, Pooling
+from nablahog.hog.poolings import POOLINGS, Pooling, Taps
 from nablahog.invert import Search
 
 from .differences import assert_jacobian_equals_central_differences
@@ -64,13 +64,12 @@ class WideCells(Pooling):
 
     kind: ClassVar[str] = "wide"
 
-    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        own = torch.arange(pixels, device=like.device) // cell
-        apart = (own - torch.arange(cells, device=like.device).unsqueeze(1)).abs()
-        matrix = (1 - apart / 2).clamp(min=0).to(like)
+    def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
+        weights = like.new_full((pixels, 3), 0.5)
+        weights[:, 1] = 1
         if ring:
-            matrix[:, [0, -1]] = 0
-        return matrix
+            weights[[0, -1]] = 0
+        return Taps(torch.arange(pixels, device=like.device) // cell - 1, weights)
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return cell, 2 * cell

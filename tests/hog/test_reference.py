@@ -16,7 +16,7 @@ from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border
-from nablahog.hog.steps import pooling_matrices
+from nablahog.hog.taps import pooling_axes
 
 from . import reference
 from .zoo import DOUBLE, SPECS, fits, integers, noise, rounding, spec
@@ -193,7 +193,8 @@ IN_SINGLE, IN_DOUBLE = torch.empty(0), torch.empty(0, dtype=torch.float64)
 
 
 def by_row(cell: int, cells: int, like: Tensor) -> Tensor:
-    return pooling_matrices(presets.paper((cell, 8)), cell * cells, 8, like)[0]
+    along = pooling_axes(presets.paper((cell, 8)), cell * cells, 8, like)[0]
+    return along.spread(torch.eye(along.cells).to(like), -1)
 
 
 @pytest.mark.parametrize("like", [IN_SINGLE, IN_DOUBLE])

@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from .spec import HOGSpec
-from .steps import pooling_matrices
+from .taps import pooling_axes
 
 
 def mean_over_colours(planes: Tensor, spec: HOGSpec) -> Tensor:
@@ -68,13 +68,13 @@ class CellAlignment:
         self.same, self.blocks = pooling.interpolates, pooling.has_blocks
         if self.same:
             return
-        by_row, by_col = pooling_matrices(spec, *size, like)
+        axes = pooling_axes(spec, *size, like)
         # mean weight of its pixels' votes
-        self.weights = torch.outer(by_row.sum(dim=1), by_col.sum(dim=1)) / (spec.cell_size[0] * spec.cell_size[1])
+        self.weights = torch.outer(*(along.totals() for along in axes)) / (spec.cell_size[0] * spec.cell_size[1])
         if self.blocks:
             self.rows, self.cols = (
-                torch.tensor(pooling.places(len(matrix), spec.cell_size[axis], axis), device=like.device)
-                for axis, matrix in enumerate((by_row, by_col))
+                torch.tensor(pooling.places(along.cells, spec.cell_size[axis], axis), device=like.device)
+                for axis, along in enumerate(axes)
             )
             self.shape = int(self.rows.max()) + 1, int(self.cols.max()) + 1
 

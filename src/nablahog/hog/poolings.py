@@ -16,6 +16,18 @@ PartialCells: TypeAlias = Literal["floor", "round", "ceil"]
 Beyond: TypeAlias = Literal["vote", "drop", "repeat"]
 
 
+class Taps(NamedTuple):
+    """The neighbouring cells that each pixel along an axis votes into.
+
+    Attributes:
+        first: (pixels,) int64, the first of them.
+        weights: (pixels, n), of the pixel's votes in the n cells from there on.
+    """
+
+    first: Tensor
+    weights: Tensor
+
+
 class Spacing(NamedTuple):
     """Where cells are along one axis: ``cells`` of them side by side, and so on every ``step`` pixels."""
 
@@ -31,8 +43,7 @@ class Pooling(ABC):
     It must have:
 
     * ``kind``, its name in JSON;
-    * :meth:`weights`, from which both the reference steps and the compiled loops pool.  A pixel's cells follow each
-      other;
+    * :meth:`taps`, from which both the reference steps and the compiled loops pool;
     * :meth:`reach`, which pixels matter for a cell.
 
     Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.  Fields are checked by their
@@ -66,15 +77,15 @@ class Pooling(ABC):
         return "cell", cell_size
 
     @abstractmethod
-    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        """Weights (cells, pixels) of pixels along an axis in cells of ``cell`` pixels.
+    def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
+        """The cells of ``cell`` pixels that pixels along an axis vote into.  Those that do not exist are ignored.
 
         Args:
             pixels, cells: along the axis.
             cell: pixels of a cell.
             axis: 0 for rows.
             ring: whether the outermost pixels cast no votes.
-            like: a tensor whose dtype and device to use.
+            like: a tensor whose device and, for weights, dtype to use.
         """
 
     @abstractmethod
@@ -116,32 +127,32 @@ class BilinearCells(Pooling):
     interpolates: ClassVar[bool] = True
     """Two neighbouring triangles sum to 1."""
 
-    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        """Row k is the bilinear filter of Eq. 5 along one axis, placed at the centre of cell k (Eq. 6).
+    def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
+        """The bilinear filter of Eq. 5 along one axis, placed at the centre of each cell (Eq. 6).
 
         Two neighbouring cells share each pixel between their centres.
         """
+        import torch
+
         # pixels 0 … last - 1 of the cells, or of the image, vote; without the first and the last if there is a ring
         last = {"vote": pixels, "drop": min(cells * cell, pixels), "repeat": cells * cell}[self.beyond]
-        matrix = triangles(max(last, pixels), cell, cells, like)
-        matrix[:, last:] = 0
+        first, weights = triangles(max(last, pixels), cell, like)
+        weights[last - ring :] = 0
         if ring:
-            matrix[:, 0] = matrix[:, last - 1] = 0
-        if last > pixels:  # DPM: what the image lacks is its last pixel that votes, again
-            of_last = max(pixels - 1 - ring, 0)
-            matrix[:, of_last] += matrix[:, of_last + 1 :].sum(dim=1)
-            matrix = matrix[:, :pixels].contiguous()
-            matrix[:, of_last + 1 :] = 0
-        for outermost in {0, cells - 1}:
-            matrix[outermost] *= self.edge_gain
-        return matrix
+            weights[:1] = 0
+        if last > pixels:
+            first, weights = _repeated(first, weights, pixels, max(pixels - 1 - ring, 0), last, cell)
+        if self.edge_gain != 1:
+            own = first.unsqueeze(1) + torch.arange(weights.shape[1], device=like.device)
+            weights = torch.where((own == 0) | (own == cells - 1), weights * self.edge_gain, weights)
+        return Taps(first, weights)
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return cell, 2 * cell
 
 
-def triangles(pixels: int, cell: int, cells: int, like: Tensor) -> Tensor:
-    """f^s of Eq. 5 along one axis, (cells, pixels): 1 - distance to each cell's centre in cells, at least 0.
+def triangles(pixels: int, cell: int, like: Tensor) -> Taps:
+    """f^s of Eq. 5 along one axis: 1 - distance to the centres of the two nearest cells, in cells.
 
     Distances are whole numbers of half pixels: a weight is rounded once, and alike wherever the cell is.
     """
@@ -149,13 +160,23 @@ def triangles(pixels: int, cell: int, cells: int, like: Tensor) -> Tensor:
 
     ahead = 2 * torch.arange(pixels, device=like.device) + 1 - cell  # of the centre of cell 0
     before = torch.div(ahead, 2 * cell, rounding_mode="floor")  # the cell whose centre is at the pixel's or before it
-    of_next = (ahead - 2 * cell * before).to(like.dtype) / (2 * cell)
-    of_this = (2 * cell * (before + 1) - ahead).to(like.dtype) / (2 * cell)
-    # a row before the first cell and one after the last for the votes that leave the image
-    matrix = torch.zeros(cells + 2, pixels, dtype=like.dtype, device=like.device)
-    matrix.scatter_(0, (before + 1).clamp(max=cells + 1).unsqueeze(0), of_this.unsqueeze(0))
-    matrix.scatter_(0, (before + 2).clamp(max=cells + 1).unsqueeze(0), of_next.unsqueeze(0))
-    return matrix[1:-1]
+    part = ahead - 2 * cell * before
+    return Taps(before, torch.stack([2 * cell - part, part], dim=1).to(like.dtype) / (2 * cell))
+
+
+def _repeated(first: Tensor, weights: Tensor, pixels: int, last_pixel: int, last: int, cell: int) -> Taps:
+    """Gives ``last_pixel`` the votes of those behind it, up to ``last``, which the image lacks (DPM)."""
+    from torch.nn.functional import pad
+
+    behind = first[last_pixel + 1 :] - first[last_pixel]
+    count = (2 * last - 1 - cell) // (2 * cell) - (2 * last_pixel + 1 - cell) // (2 * cell) + 2  # cells they vote into
+    again = weights.new_zeros(count, len(behind))
+    for k in (0, 1):
+        again.scatter_(0, (behind + k).unsqueeze(0), weights[last_pixel + 1 :, k].unsqueeze(0))
+    weights = pad(weights[:pixels], (0, count - 2))
+    weights[last_pixel] += again.sum(dim=1)
+    weights[last_pixel + 1 :] = 0
+    return Taps(first[:pixels], weights)
 
 
 @dataclass(frozen=True)
@@ -179,7 +200,7 @@ class BoxCells(Pooling):
                 f"window must be 0 or a number of pixels in 2 … {LONGEST_SIDE:,}, got {shortened(self.window)}"
             )
 
-    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
+    def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
         """1 in a pixel's own cell, or what the window and the mean make of it."""
         import torch
 
@@ -191,13 +212,9 @@ class BoxCells(Pooling):
             side = torch.arange(self.window, dtype=like.dtype, device=like.device)
             window = torch.exp(-0.5 * ((side - side.mean()) / (self.window // 2)) ** 2)
             weights = weights * (window / window.sum())[pixel % self.window]
-        # a row after the last cell for the pixels that are in none
-        matrix = torch.zeros(cells + 1, pixels, dtype=like.dtype, device=like.device)
-        own = torch.div(pixel, cell, rounding_mode="floor").clamp(max=cells)
-        matrix = matrix.scatter_(0, own.unsqueeze(0), weights.unsqueeze(0))[:-1]
         if ring:
-            matrix[:, 0] = matrix[:, -1] = 0
-        return matrix
+            weights[:1] = weights[-1:] = 0
+        return Taps(torch.div(pixel, cell, rounding_mode="floor"), weights.unsqueeze(1))
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return 0, cell
@@ -243,21 +260,25 @@ class BlockCells(Pooling):
     def smallest(self, cell_size: tuple[int, int]) -> tuple[str, tuple[int, int]]:
         return "block", self.block
 
-    def weights(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Tensor:
-        """Weights of the cells of each block in turn, by rows."""
+    def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
+        """The cells of all blocks that a pixel is in, block by block."""
         import torch
 
-        block, step = self.block[axis], self.step[axis]
-        inside = torch.arange(block, dtype=like.dtype, device=like.device)
-        weights = triangles(block, cell, block // cell, like)
-        weights = weights * torch.exp(-((inside - block / 2) ** 2) / (2 * self.sigma**2))
-        matrix = like.new_zeros((pixels - block) // step + 1, block // cell, pixels)
-        for k, of_block in enumerate(matrix):
-            of_block[:, k * step : k * step + block] = weights
-        matrix = matrix.flatten(0, 1)
+        block, step, of_block = self.block[axis], self.step[axis], self.block[axis] // cell
+        inside = torch.arange(block, device=like.device)
+        own = torch.arange(of_block, device=like.device)
+        first, shares = triangles(block, cell, like)
+        before, after = (torch.where(first.unsqueeze(1) + k == own, shares[:, k : k + 1], 0) for k in (0, 1))
+        gauss = torch.exp(-((inside.to(like.dtype) - block / 2) ** 2) / (2 * self.sigma**2))
+        weights = torch.nn.functional.pad((before + after) * gauss.unsqueeze(1), (0, 0, 0, 1))  # of a pixel in no block
+        pixel = torch.arange(pixels, device=like.device)
+        first_block = torch.div(pixel - block, step, rounding_mode="floor").clamp(min=-1) + 1
+        blocks = first_block.unsqueeze(1) + torch.arange(-(-block // step), device=like.device)
+        place = pixel.unsqueeze(1) - step * blocks
+        weights = weights[torch.where((place >= 0) & (place < block), place, block)].flatten(1)
         if ring:
-            matrix[:, 0] = matrix[:, -1] = 0
-        return matrix
+            weights[:1] = weights[-1:] = 0
+        return Taps(first_block * of_block, weights)
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return 0, self.block[axis]

@@ -11,6 +11,7 @@ from torch import Tensor
 from .gradient import gradient
 from .orientation import votes
 from .spec import COLOURS, HOGSpec
+from .taps import pooling_axes
 
 
 def _scaled(images: Tensor, spec: HOGSpec) -> Tensor:
@@ -29,23 +30,11 @@ def spread_nan(x: Tensor, images: Tensor) -> Tensor:
     return x * one_or_nan.to(x.dtype).reshape(-1, *(1,) * (x.dim() - 1))
 
 
-def pooling_matrices(spec: HOGSpec, height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Weights (rows, height) and (cols, width) of pixels in cells along either axis, dtype and device of ``like``."""
-    ring = spec.border == "ignore"
-    by_row, by_col = (
-        spec.pooling.weights(pixels, cells, cell, axis, ring, like)
-        for axis, (pixels, cells, cell) in enumerate(
-            zip((height, width), spec.cells(height, width), spec.cell_size, strict=True)
-        )
-    )
-    return by_row, by_col
-
-
 def pool(votes: Tensor, spec: HOGSpec) -> Tensor:
     """F^s of Eq. 5-6: votes (B, bins, H, W) to cell histograms (B, bins, rows, cols).  Linear."""
     height, width = votes.shape[-2:]
-    by_row, by_col = pooling_matrices(spec, height, width, votes)
-    return by_row @ (votes @ by_col.T)
+    rows, cols = pooling_axes(spec, height, width, votes)
+    return rows.pool(cols.pool(votes, -1), -2)
 
 
 def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:

@@ -72,8 +72,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) ->
             ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of mode L or RGB.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults.
         memory: bytes that a strip may take, approximately, including everything it is computed from; but it has at
-            least one row.  The tables of the loops are not included: for a moment, before a strip of another size
-            than the last, about 6 bytes (float64: 10) for each pixel of a row and column of cells.
+            least one row.
 
     Returns:
         Strips of (rows, cols, channels), NumPy arrays of float32, or of float64 for float64 images and for uint8 if

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import torch
 
 from .kernels import supports
-from .kernels.plan import pooling_axes
+from .kernels.plan import pooling_stretches
 from .spec import HOGSpec
 
 _STEPS = 96  # of an image that is tall enough to see how its bands repeat
@@ -115,8 +115,8 @@ def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
     height = _STEPS * step + 16 * reach
-    rows = pooling_axes(spec, height, width, dtype)[0]
-    bands = [(int(start), int(stop)) for start, stop, _ in rows.stretches]
+    rows = pooling_stretches(spec, height, width, dtype)[0]
+    bands = [(int(start), int(stop)) for start, stop, _ in rows.limits]
     longest = max(stop - start for start, stop in bands)
     inner = {band for band in bands if band[1] <= height - reach}  # not those at the bottom, whose cells are missing
     end = max(stop for _, stop in inner)

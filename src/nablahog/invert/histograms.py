@@ -24,7 +24,8 @@ from ..hog.descriptor import histograms, steps
 from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
-from ..hog.steps import pooling_matrices, split_colours
+from ..hog.steps import split_colours
+from ..hog.taps import pooling_axes
 from ..optimize import lbfgs
 from .block_levels import histograms_without_clip
 from .reconstruction import squared_norm
@@ -97,8 +98,10 @@ def _votes_per_magnitude(spec: HOGSpec, size: tuple[int, int], like: Tensor) -> 
     """The sum of all histograms of an image whose pixels all have a gradient of 1."""
     if spec.pooling.interpolates:  # as if no vote were lost at the border
         return math.prod(spec.cells(*size)) * math.prod(spec.cell_size)
-    by_row, by_col = pooling_matrices(spec, *size, like)
-    return spec.colours * float(by_row.sum()) * float(by_col.sum())
+    rows, cols = (
+        sum(float(piece.weights.sum()) for piece in along.pieces) for along in pooling_axes(spec, *size, like)
+    )
+    return spec.colours * rows * cols
 
 
 def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
@@ -240,12 +243,16 @@ def enlarge(images: Tensor, height: int, width: int) -> Tensor:
 def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
     angles = torch.from_numpy(bin_angles(spec)).to(votes)
-    by_row, by_col = pooling_matrices(replace(spec, border="reflect"), height, width, votes)
+    down, across = pooling_axes(replace(spec, border="reflect"), height, width, votes)
     # votes divided by the sum of the cell's weights are their mean; the same weights interpolate between the centres
-    mean = votes / (by_row.sum(dim=1, keepdim=True) * by_col.sum(dim=1))
+    mean = votes / (down.totals().unsqueeze(1) * across.totals())
     if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
-        by_row, by_col = (matrix / matrix.sum(dim=0).clamp(min=TINY) for matrix in (by_row, by_col))
-    gx, gy = (by_row.T @ torch.einsum("bkrc,k->brc", mean, f(angles)) @ by_col for f in (torch.cos, torch.sin))
+        down, across = (
+            along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY)) for along in (down, across)
+        )
+    gx, gy = (
+        across.spread(down.spread(torch.einsum("bkrc,k->brc", mean, f(angles)), -2), -1) for f in (torch.cos, torch.sin)
+    )
     return gx, gy
 
 

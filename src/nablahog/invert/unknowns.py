@@ -24,7 +24,7 @@ from torch import Tensor
 from .. import native
 from ..hog.entries import cell_entries, covered_cells, of_nearest_cells
 from ..hog.spec import HOGSpec
-from ..hog.steps import pooling_matrices
+from ..hog.taps import pooling_axes
 
 
 @lru_cache(maxsize=16)  # kept on the device: a copy from the CPU would stall it
@@ -131,8 +131,9 @@ class FlatRegions:
         entries = of_nearest_cells(cell_entries(descriptor, spec), spec, (height, width))
         rows, cols = (covered.to(descriptor.device) for covered in covered_cells(spec, (height, width)))
         empty = (entries == 0).all(dim=1) & rows.unsqueeze(1) & cols
-        by_row, by_col = (matrix > 0 for matrix in pooling_matrices(spec, height, width, descriptor))
-        silent = (by_row.T.to(descriptor) @ empty.to(descriptor) @ by_col.to(descriptor)) > 0
+        axes = pooling_axes(spec, height, width, descriptor)
+        down, across = (along.map(lambda weights: (weights > 0).to(weights)) for along in axes)
+        silent = across.spread(down.spread(empty.to(descriptor), -2), -1) > 0
         # a pixel without gradient has equal neighbours; giving it their value, too, is the smoothest choice
         cross = ndimage.generate_binary_structure(2, 1)[np.newaxis]
         joined = ndimage.binary_dilation(silent.cpu().numpy(), cross)

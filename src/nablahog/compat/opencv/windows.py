@@ -19,7 +19,8 @@ from ...hog import BlockNorm, HOGSpec
 from ...hog.layout import to_layout
 from ...hog.orientation import opencv_angle, opencv_table
 from ...hog.poolings import BlockCells
-from ...hog.steps import pool, pooling_matrices
+from ...hog.steps import pool
+from ...hog.taps import pooling_axes
 from .arguments import Size
 
 _SIZES = "height", "width", "channels", "top", "left", "padded_height", "padded_width"
@@ -95,7 +96,9 @@ def scheme(window: Size, spec: HOGSpec) -> Scheme:
     assert isinstance(spec.pooling, BlockCells)
     assert isinstance(spec.normalizer, BlockNorm)
     (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer
-    by_row, by_col = (each.contiguous().numpy() for each in pooling_matrices(spec, height, width, torch.empty(0)))
+    by_row, by_col = (
+        along.spread(torch.eye(along.cells), -1).numpy() for along in pooling_axes(spec, height, width, torch.empty(0))
+    )
     rows, cols = spec.grid(window[1], window[0])
     constants = Constants(
         gamma=spec.gamma == "sqrt",

@@ -13,7 +13,7 @@ import torch
 from ..gradient import BLACK, BORDERS, channel_weights, last_of_equals
 from ..orientation import VLFEAT_LEAST, beginnings, opencv_table, vanishing, vote_directions, vote_rule
 from ..spec import HOGSpec
-from ..steps import pooling_matrices
+from ..taps import PixelCells, pixel_cells
 
 PIXELS = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
 MIRROR, REPEAT, CONSTANT = range(3)
@@ -56,7 +56,7 @@ class PlanStruct(ctypes.Structure):
     ]
 
 
-class Axis(NamedTuple):
+class Stretches(NamedTuple):
     """Eq. 5-6 along one axis.
 
     A stretch is neighbouring pixels that vote into the same ``extent`` neighbouring cells: a *band* of rows, or a *run*
@@ -65,47 +65,44 @@ class Axis(NamedTuple):
 
     cells: int
     extent: int  # 1 or even
-    stretches: npt.NDArray[np.int64]  # (n, 3): the first pixel, the one after the last, the first cell
+    limits: npt.NDArray[np.int64]  # (stretches, 3): the first pixel, the one after the last, the first cell
     weights: npt.NDArray[Any]  # (pixels, extent), of pixels in the cells of their stretch
 
     @property
     def longest(self) -> int:
         """Pixels of the longest stretch."""
-        return int((self.stretches[:, 1] - self.stretches[:, 0]).max(initial=1))
+        return int((self.limits[:, 1] - self.limits[:, 0]).max(initial=1))
 
     def by_stretch(self, length: int) -> npt.NDArray[Any]:
         """The weights (stretches, extent, length) of each stretch, with zeros behind them."""
-        table = np.zeros((len(self.stretches), self.extent, length), self.weights.dtype)
-        for of_stretch, (begin, end, _) in zip(table, self.stretches, strict=True):
-            of_stretch[:, : end - begin] = self.weights[begin:end].T
-        return table
+        begins, ends, _ = self.limits.T
+        pixels = np.minimum(begins[:, np.newaxis] + np.arange(length), len(self.weights) - 1)
+        inside = np.arange(length) < (ends - begins)[:, np.newaxis, np.newaxis]
+        return np.where(inside, self.weights[pixels].transpose(0, 2, 1), 0)
 
 
-def pooling_axes(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Axis, Axis]:
+def pooling_stretches(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[Stretches, Stretches]:
     """The axes of rows and columns for images of this size, with weights in float32 or float64."""
-    rows, cols = pooling_matrices(spec, height, width, torch.empty(0, dtype=dtype, device="cpu"))
-    return _axis(rows.numpy()), _axis(cols.numpy())
+    rows, cols = map(_stretches, pixel_cells(spec, height, width, dtype))
+    return rows, cols
 
 
-def _axis(matrix: npt.NDArray[Any]) -> Axis:
-    """From weights (cells, pixels), of which a pixel's cells follow each other."""
-    pixels = np.flatnonzero(matrix.any(axis=0))
-    first = (matrix != 0).argmax(axis=0)
-    last = len(matrix) - 1 - (matrix[::-1] != 0).argmax(axis=0)
-    most = int((last - first)[pixels].max(initial=0)) + 1
-    extent = most if most == 1 else -(-most // 2) * 2
+def _stretches(along: PixelCells) -> Stretches:
+    extent = along.reach if along.reach == 1 else -(-along.reach // 2) * 2
+    first, stop = along.first.tolist(), along.stop.tolist()
     stretches: list[tuple[int, int, int]] = []
-    for pixel in map(int, pixels):
+    for pixel in along.voting.tolist():
         begin, end, cell = stretches[-1] if stretches else (0, -1, 0)
-        if pixel == end and cell <= first[pixel] and last[pixel] < cell + extent:
+        if pixel == end and cell <= first[pixel] and stop[pixel] <= cell + extent:
             stretches[-1] = begin, pixel + 1, cell
         else:
-            stretches.append((pixel, pixel + 1, int(first[pixel])))
-    weights = np.zeros((matrix.shape[1], extent), matrix.dtype)
-    for begin, end, cell in stretches:
-        cells = matrix[cell : cell + extent, begin:end].T
-        weights[begin:end, : cells.shape[1]] = cells
-    return Axis(len(matrix), extent, np.array(stretches, np.int64).reshape(-1, 3), weights)
+            stretches.append((pixel, pixel + 1, first[pixel]))
+    table = np.array(stretches, np.int64).reshape(-1, 3)
+    cells = np.repeat(table[:, 2], table[:, 1] - table[:, 0])[:, np.newaxis] + np.arange(extent)
+    voted = along.weights(along.voting[:, np.newaxis], cells)
+    weights = np.zeros((len(first), extent), voted.dtype)
+    weights[along.voting] = voted
+    return Stretches(along.cells, extent, table, weights)
 
 
 class NormPlan:
@@ -163,7 +160,7 @@ class Plan(NormPlan):
         spec.grid(height, width)
         super().__init__(spec, *spec.cells(height, width), torch.float64 if stored == torch.float64 else torch.float32)
         self._real, self._integer = (np.float64, np.int64) if self.dtype == torch.float64 else (np.float32, np.int32)
-        rows, cols = pooling_axes(spec, height, width, self.dtype)
+        rows, cols = pooling_stretches(spec, height, width, self.dtype)
         self._set(
             channels=channels,
             height=height,
@@ -216,19 +213,19 @@ class Plan(NormPlan):
             arccosine_unit=math.pi / (spec.bins // 2 if spec.signed else spec.bins),
         )
 
-    def _axis(self, axis: Axis) -> AxisStruct:
+    def _axis(self, axis: Stretches) -> AxisStruct:
         return AxisStruct(
             pixels=len(axis.weights),
             cells=axis.cells,
             extent=axis.extent,
-            stretches=len(axis.stretches),
+            stretches=len(axis.limits),
             longest=axis.longest,
             run=-(-axis.longest // 8) * 8,
-            stretch=self._address(axis.stretches, np.int64),
+            stretch=self._address(axis.limits, np.int64),
             weights=self._address(axis.weights, self._real),
         )
 
-    def _columns(self, axis: Axis) -> AxisStruct:
+    def _columns(self, axis: Stretches) -> AxisStruct:
         struct = self._axis(axis)
         cell_weights = np.zeros((axis.extent, _padded(len(axis.weights))), self._real)
         cell_weights[:, : len(axis.weights)] = axis.weights.T

@@ -18,7 +18,7 @@ from torch import Tensor
 from ..gradient import BORDERS, channel_weights, last_of_equals
 from ..orientation import beginnings, opencv_table, vote_directions, vote_rule
 from ..spec import HOGSpec
-from ..steps import pooling_matrices
+from ..taps import PixelCells, pixel_cells
 
 _MOST_REGISTERS = 160  # of a thread, for sums
 _COLUMNS = (8, 6, 4, 3, 2, 1)  # that a lane may read at a time
@@ -126,7 +126,7 @@ class Gather(NamedTuple):
     weights: Tensor  # (pixels, reach): in the cells from the first on
 
 
-class Axis(NamedTuple):
+class AxisTables(NamedTuple):
     """Eq. 5-6 along one axis."""
 
     cells: int
@@ -135,58 +135,55 @@ class Axis(NamedTuple):
     voting: tuple[int, int]  # the first pixel of all bands, and the one after the last
 
 
-def _extents(matrix: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """For each row, the first nonzero entry and the one after the last; 0 and 0 if there is none."""
-    some = matrix != 0
-    first, last = some.argmax(axis=1), some.shape[1] - some[:, ::-1].argmax(axis=1)
-    return np.where(some.any(axis=1), first, 0), np.where(some.any(axis=1), last, 0)
+def _pixels_of_cells(along: PixelCells) -> npt.NDArray[np.int64]:
+    """(cells, 2): the first pixel that votes into each cell, and the one after the last; 0 and 0 if there is none."""
+    cells = along.first[:, np.newaxis] + np.arange(along.reach)
+    pixel, k = along.weights(np.arange(len(cells))[:, np.newaxis], cells).nonzero()
+    first, stop = np.full(along.cells, len(cells)), np.zeros(along.cells, np.int64)
+    np.minimum.at(first, cells[pixel, k], pixel)
+    np.maximum.at(stop, cells[pixel, k], pixel + 1)
+    return np.stack([np.minimum(first, stop), stop], axis=1)
 
 
-def _reach(matrix: npt.NDArray[Any]) -> int:
-    """The most neighbouring cells that a pixel votes into."""
-    first, last = _extents(matrix.T)
-    return max(int((last - first).max()), 1)
-
-
-def _limits(matrix: npt.NDArray[Any], reach: int, longest: int) -> list[list[int]] | None:
+def _limits(along: PixelCells, reach: int, longest: int) -> list[list[int]] | None:
     """First pixel, and the one after the last, of bands of limited length; None if they would be longer."""
-    first, last = _extents(matrix.T)
-    bands = [[0, 0] for _ in range(len(matrix) + reach - 1)]
+    first, stop = along.first.tolist(), along.stop.tolist()
+    bands = [[0, 0] for _ in range(along.cells + reach - 1)]
     band = 0
-    for pixel in np.flatnonzero(last):
-        band = max(band, int(last[pixel]) - 1)
+    for pixel in along.voting.tolist():
+        band = max(band, stop[pixel] - 1)
         if bands[band][1] and pixel - bands[band][0] >= longest:
             band += 1
         if band > first[pixel] + reach - 1:
             return None
         if not bands[band][1]:
-            bands[band][0] = int(pixel)
-        bands[band][1] = int(pixel) + 1
+            bands[band][0] = pixel
+        bands[band][1] = pixel + 1
     return bands
 
 
-def _bands(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], device: torch.device) -> Bands:
-    """The shortest, of a matrix (cells, pixels); with a reach of 1 they may overlap, each all pixels of a cell.
+def _bands(along: PixelCells, reach: int, at_once: tuple[int, ...], device: torch.device) -> Bands:
+    """The shortest; with a reach of 1 they may overlap, each all pixels of a cell.
 
     They are as long as a multiple of one of the numbers ``at_once``.
     """
-    cells, pixels = matrix.shape
-    if reach < _reach(matrix):
-        limits = np.stack(_extents(matrix), axis=1)
+    pixels = len(along.first)
+    if reach < along.reach:
+        limits = _pixels_of_cells(along)
     else:
-        least = bisect_left(range(1, pixels + 1), True, key=lambda n: _limits(matrix, reach, n) is not None) + 1
-        limits = np.array(_limits(matrix, reach, least))
-    first, last = limits.T
-    longest = max(int((last - first).max()), 1)
+        least = bisect_left(range(1, pixels + 1), True, key=lambda n: _limits(along, reach, n) is not None) + 1
+        limits = np.array(_limits(along, reach, least))
+    start, stop = limits.T
+    longest = max(int((stop - start).max()), 1)
     # one column more is read on either side
     count = min(at_once, key=lambda n: -(-longest // n) * (n + 1))
     longest = -(-longest // count) * count
-    first = np.maximum(np.minimum(first, pixels - longest), 0)  # so that all of them are in the image, if there is room
-    weights = np.zeros((longest, reach, len(first)), matrix.dtype)
-    for band, (start, stop) in enumerate(limits):
-        own = np.arange(band - reach + 1, band + 1)
-        there = (own >= 0) & (own < cells)
-        weights[start - first[band] : stop - first[band], there, band] = matrix[own[there], start:stop].T
+    first = np.maximum(np.minimum(start, pixels - longest), 0)  # so that all of them are in the image, if there is room
+    pixel = first + np.arange(longest)[:, np.newaxis]
+    inside = (pixel >= start) & (pixel < stop)
+    own = np.arange(len(limits)) + np.arange(1 - reach, 1)[:, np.newaxis]
+    weights = along.weights(np.where(inside, pixel, 0)[:, np.newaxis], own)
+    weights = np.where(inside[:, np.newaxis], weights, 0)
     return Bands(reach, longest, _tensor(first.astype(np.int32), device), _tensor(weights, device))
 
 
@@ -196,23 +193,20 @@ def columns_at_once(bands: Bands, registers: int) -> int:
     return next(n for n in _COLUMNS if n <= most and bands.longest % n == 0)
 
 
-def _gather(matrix: npt.NDArray[Any], device: torch.device) -> Gather:
-    """The tables for a matrix (cells, pixels)."""
-    reach = _reach(matrix)
-    first = np.minimum(_extents(matrix.T)[0], len(matrix) - reach)  # all of them are cells
-    weights = np.take_along_axis(matrix.T, first[:, None] + np.arange(reach), axis=1)
-    return Gather(_tensor(first.astype(np.int32), device), reach, _tensor(weights, device))
+def _gather(along: PixelCells, device: torch.device) -> Gather:
+    first = np.minimum(along.first, along.cells - along.reach)  # all of them are cells
+    weights = along.weights(np.arange(len(first))[:, np.newaxis], first[:, np.newaxis] + np.arange(along.reach))
+    return Gather(_tensor(first.astype(np.int32), device), along.reach, _tensor(weights, device))
 
 
 def _tensor(array: npt.NDArray[Any], device: torch.device) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(array)).to(device)
 
 
-def _axis(matrix: npt.NDArray[Any], reach: int, at_once: tuple[int, ...], device: torch.device) -> Axis:
-    """The tables for a matrix (cells, pixels)."""
-    voting = np.flatnonzero(matrix.any(axis=0))
+def _axis(along: PixelCells, reach: int, at_once: tuple[int, ...], device: torch.device) -> AxisTables:
+    voting = along.voting
     span = (int(voting[0]), int(voting[-1]) + 1) if len(voting) else (0, 0)
-    return Axis(len(matrix), _bands(matrix, reach, at_once, device), _gather(matrix, device), span)
+    return AxisTables(along.cells, _bands(along, reach, at_once, device), _gather(along, device), span)
 
 
 class Plan(NamedTuple):
@@ -221,8 +215,8 @@ class Plan(NamedTuple):
     reading: Reading
     voting: Voting
     rule: str  # the vote rule's name
-    rows: Axis
-    cols: Axis
+    rows: AxisTables
+    cols: AxisTables
     last_wins: tuple[int, int]  # columns, first and after the last, where of equal channels the last counts
 
 
@@ -231,8 +225,8 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
     """The plan for images (…, channels, height, width), computed in ``real``, float32 or float64."""
     channels, height, width = shape[-3:]
     spec.grid(height, width)  # raises if it is too small
-    of_rows, of_cols = (m.numpy() for m in pooling_matrices(spec, height, width, torch.empty(0, dtype=real)))
-    high, wide = _reach(of_rows), _reach(of_cols)
+    down, across = pixel_cells(spec, height, width, real)
+    high, wide = down.reach, across.reach
     # all cells that a pixel votes into, at once if their sums fit into registers; otherwise pixels are read again
     numbers = _MOST_REGISTERS // (real.itemsize // 4) // spec.bins
     high = high if high * wide <= numbers else 1
@@ -242,7 +236,7 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
         reading=reading(spec, channels, stored),
         voting=voting(spec),
         rule=vote_rule(spec).name,
-        rows=_axis(of_rows, high, (1,), device),
-        cols=_axis(of_cols, wide, _COLUMNS, device),
+        rows=_axis(down, high, (1,), device),
+        cols=_axis(across, wide, _COLUMNS, device),
         last_wins=(int(last[0]), int(last[-1]) + 1) if len(last) else (0, 0),
     )

@@ -1,0 +1,80 @@
+"""Poolings in pieces: the same sums as in one, and tables that grow with the sides of an image, not with its area."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.testing import assert_close
+
+from nablahog.hog import taps
+from nablahog.hog.kernels.plan import Plan
+from nablahog.hog.steps import histograms_reference
+from nablahog.hog.taps import pooling_axes
+
+from .zoo import SPECS, noise
+
+CPU = torch.device("cpu")
+
+
+def gradients(images: Tensor, name: str) -> tuple[Tensor, Tensor, Tensor]:
+    """Histograms, a gradient, and a gradient of that."""
+    images = images.clone().requires_grad_()
+    histograms = histograms_reference(images, SPECS[name])
+    weights = torch.linspace(0, 40, histograms.numel(), dtype=images.dtype).cos().view(histograms.shape)
+    (first,) = torch.autograd.grad((histograms * weights).sin().sum(), images, create_graph=True)
+    (second,) = torch.autograd.grad(first.square().sum(), images)
+    return histograms.detach(), first.detach(), second
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_pieces_change_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    images = noise(2, 3, 31, 29)
+    whole = gradients(images, name)
+    for pixels in (5, 16):
+        monkeypatch.setattr(taps, "PIECE", pixels)
+        assert len(pooling_axes(SPECS[name], 31, 29, images)[0].pieces) > 1
+        for got, expected in zip(gradients(images, name), whole, strict=True):
+            assert_close(got, expected, rtol=0, atol=1e-12 * float(expected.abs().max()))
+        mapped = torch.func.vmap(lambda image: histograms_reference(image[None], SPECS[name])[0])(images)
+        assert_close(mapped, whole[0], rtol=0, atol=1e-12 * float(whole[0].abs().max()))
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_spreading_is_the_transpose_of_pooling(name: str) -> None:
+    votes, like = noise(3, 1200), torch.empty(0, dtype=torch.float64)
+    for along in pooling_axes(SPECS[name], 1200, 1200, like):
+        values = noise(3, along.cells, seed=1)
+        assert_close((along.pool(votes, -1) * values).sum(), (votes * along.spread(values, -1)).sum())
+        assert_close(along.pool(votes.T, -2), along.pool(votes, -1).T)
+        assert_close(along.spread(values.T, -2), along.spread(values, -1).T)
+        assert_close(along.totals(), along.pool(torch.ones_like(votes[0]), -1))
+
+
+def _bytes(tables: Any) -> int:
+    """Of all arrays and tensors in tables."""
+    if isinstance(tables, Tensor | np.ndarray):
+        return tables.nbytes
+    return sum(map(_bytes, tables)) if isinstance(tables, tuple | list) else 0
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_tables_are_proportional_to_the_sides(name: str) -> None:
+    """Of the compiled loops, of Triton's kernels, and of the plain steps."""
+    s = SPECS[name]
+    channels = 3 if s.colour == "separate" else 1
+    triton = pytest.importorskip("nablahog.hog.triton.parameters")
+
+    def sizes(side: int) -> list[int]:
+        shape = torch.Size((channels, side, side))
+        return [
+            _bytes(Plan(s, (channels, side, side), torch.float32)._alive),
+            _bytes(triton.plan(s, shape, torch.float32, torch.float32, CPU)),
+            _bytes(pooling_axes(s, side, side, torch.empty(0))),
+        ]
+
+    for small, large in zip(sizes(1024), sizes(4096), strict=True):
+        assert large < 4.2 * small
