@@ -24,8 +24,8 @@ from nablahog.render import PARAMETERS, Mesh, depth_and_normals, pose, silhouett
 # %%
 # Load a mesh
 # -----------
-# OFF, OBJ, PLY, STL and GLB files can be loaded. For this tutorial, a procedural chair is written as an OBJ file, with
-# y up, as in most OBJ files.
+# OFF, OBJ, PLY, STL, GLB and glTF files can be loaded. For this tutorial, a procedural chair is written as an OBJ file,
+# with y up, as in most OBJ files.
 
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name) / "chair.obj"

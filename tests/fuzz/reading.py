@@ -13,8 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import scipy.spatial  # noqa: F401
-import trimesh  # noqa: F401  else the first mesh pays for it
+import scipy.spatial  # noqa: F401  else the first that needs it pays for it
 
 from nablahog import HOGSpec
 from nablahog.cli.arguments.presets import SpecOptions

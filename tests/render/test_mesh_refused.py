@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
-from nablahog.render import mesh_bytes, mesh_file
+from nablahog.render import companion_files, mesh_bytes, mesh_file
 from nablahog.render.mesh import load_mesh
 
 from .mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb, write
@@ -28,8 +28,10 @@ def test_missing_folder_and_unknown(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.off")
     with pytest.raises(ValueError, match="got a special file"):
         load_mesh(tmp_path / "pipe.off")
-    for name in ("a.dae", "a.gltf", "a.zip", "a"):
-        with pytest.raises(ValueError, match=r"expected a mesh file \(.off, .obj, .ply, .stl, .glb\), got the ending"):
+    for name in ("a.dae", "a.zip", "a"):
+        with pytest.raises(
+            ValueError, match=r"expected a mesh file \(.off, .obj, .ply, .stl, .glb, .gltf\), got the ending"
+        ):
             load_mesh(write(tmp_path, name, CUBE_OFF))
     with pytest.raises(ValueError, match="no usual front"):
         load_mesh(write(tmp_path, "a.off", CUBE_OFF), up="x")
@@ -66,6 +68,10 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.off", CUBE_OFF.replace("1 1 1", "1,5 1 1"), "got '1,5'"),
         ("a.obj", TRIANGLE.replace("2 0 0", "2,5 0 0"), "numbers"),
         ("a.obj", TRIANGLE + "f 1 2 9\n", "the file does not hold"),
+        ("a.obj", TRIANGLE + "f 0 1 2\n", "the file does not hold"),
+        ("a.obj", TRIANGLE + "f 1 2 3.0\n", "expected faces such as"),
+        ("a.obj", TRIANGLE + "v 1 2\n", "at least 3 numbers"),
+        ("a.gltf", TRIANGLE, "as JSON does"),
         ("a.ply", PLY_HEAD.replace("face 2", "tristrips 1") + "3 0 1 2\n", "got the elements vertex, tristrips"),
         ("a.ply", PLY_HEAD.replace("float x", "half x"), "type half"),
         ("a.stl", export_stl_ascii(trimesh.creation.box()).replace("0.5", "0,5"), "decimal points"),
@@ -118,9 +124,9 @@ def test_textures_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (4, 5)))
     box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
     path = write(tmp_path, "a.glb", box.export(file_type="glb"))
-    monkeypatch.setattr(mesh_file, "MAX_TEXELS", 20)
+    monkeypatch.setattr(companion_files, "MAX_TEXELS", 20)
     assert load_mesh(path).brightness.max() == 0
-    monkeypatch.setattr(mesh_file, "MAX_TEXELS", 19)
+    monkeypatch.setattr(companion_files, "MAX_TEXELS", 19)
     with pytest.raises(ValueError, match="at most 19 texels are allowed, got 20"):
         load_mesh(path)
 

@@ -15,9 +15,10 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
+from nablahog.io.input_file import InputFile
 from nablahog.render import load_mesh
 
-from .mesh_files import CORNERS, CUBE_OFF, QUADS, VERTICES_OBJ, as_bytes, glb, write
+from .mesh_files import CORNERS, CUBE_OFF, QUADS, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
 
 OFF_BODY = "\n".join([*CORNERS, *(f"4 {quad}" for quad in QUADS)]) + "\n"
 OFF_COUNTS = "8 6 0\n"
@@ -83,6 +84,9 @@ def _binary_ply(order: str) -> bytes:
         ("remark.obj", "# C:\\models\\\n" + OBJ, 0.8),  # whose last character continues no line
         ("old_word.obj", OBJ.replace("f ", "fo "), 0.8),
         ("old_windows.obj", OBJ.replace("f", "v -1.#IND -1.#IND -nan(ind)\nf", 1), 0.8),
+        ("levels.obj", "".join(f"v {corner} 255 0 0\n" for corner in CORNERS) + OBJ[len(VERTICES_OBJ) :], RED),
+        ("one_place.obj", VERTICES_OBJ + "vt .5\n" + TEXTURED[len(UV) :].replace("/2", "/1").replace("/3", "/1"), 0.8),
+        ("mixed.obj", OBJ.replace("f 1 2 3 4", "vt 0 0\nvn 0 0 1\nf 1//1 2/1 3/1/1 -5"), 0.8),
         ("lost.obj", "mtllib none.mtl\n" + VERTICES_OBJ + TEXTURED, 0.8),
         ("depth.ply", _ply(vertices=9) + _rows([*CORNERS, "nan nan nan"]), 0.8),
         ("quads.ply", _ply(of_faces=RGB) + _rows(CORNERS, of_faces=" 255 0 0"), RED),
@@ -196,6 +200,30 @@ def test_a_textured_ply(tmp_path: Path, there: bool, by_face: bool, binary: bool
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2 if there else RED))
 
 
+@pytest.mark.parametrize("kind", ["obj", "glb", "gltf"])
+@pytest.mark.parametrize("name", ["capsule", "cone", "torus", "annulus", "axis"])
+def test_scenes_of_another_program(tmp_path: Path, name: str, kind: str) -> None:
+    """Two shapes, one of them moved, stretched and mirrored: as many squares and as dark as trimesh has them."""
+    sizes = {"cone": (1, 2), "torus": (2, 0.5), "annulus": (1, 2, 1)}
+    shape = getattr(trimesh.creation, name)(*sizes.get(name, ()))
+    colours = np.tile(np.array([200, 100, 50, 255], np.uint8), (len(shape.vertices), 1))
+    shape.visual = trimesh.visual.ColorVisuals(shape, vertex_colors=colours)
+    scene = trimesh.Scene([shape])
+    place = trimesh.transformations.compose_matrix(scale=(-1, 2, 1), angles=(0.3, 0.2, 0.1), translate=(3, 1, 2))
+    scene.add_geometry(shape, transform=place)
+    exported = scene.export(file_type=kind)
+    for file, content in (exported if kind == "gltf" else {f"model.{kind}": as_bytes(exported)}).items():
+        write(tmp_path, file, content)
+    mesh, expected = load_mesh(tmp_path / f"model.{kind}", up="z", front="-y"), scene.to_mesh()
+    expected.apply_translation(-expected.bounds.mean(axis=0))
+    expected.apply_scale(1 / expected.scale)
+    triangles = trimesh.Trimesh(mesh.vertices.numpy(), mesh.faces.numpy(), process=False)
+    assert triangles.area == pytest.approx(expected.area, rel=1e-4)
+    np.testing.assert_allclose(triangles.centroid, expected.centroid, atol=1e-4)
+    gray = torch.full_like(mesh.brightness, float(colours[0, :3] @ [0.299, 0.587, 0.114]) / 255)
+    torch.testing.assert_close(mesh.brightness, gray, atol=2e-3, rtol=0)
+
+
 def _scene(mode: int, indices: list[int], sparse: bool) -> tuple[dict[str, Any], bytes]:
     places = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]], "<f4")
     parts = [places.tobytes(), np.array(indices, "<u2").tobytes(), np.array([3, 0], "<u2").tobytes()]
@@ -287,6 +315,44 @@ def test_places_in_the_texture_of_a_glb(
     }
     mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, brightness))
+
+
+def test_a_skeleton_moves_the_mesh_instead_of_its_node(tmp_path: Path) -> None:
+    """The corners follow two joints: of one they keep their place, of the other they move by 2 y, half each by 1 y."""
+    header, binary = _scene(4, [0, 1, 2, 1, 3, 2], sparse=False)
+    joints = np.array([[0, 1, 0, 0]] * 4, "u1").tobytes()
+    weights = np.array([[1, 0, 0, 0], [1, 0, 0, 0], [0.5, 0.5, 0, 0], [0, 1, 0, 0]], "<f4").tobytes()
+    inverse = np.array([np.eye(4), np.eye(4)], "<f4").tobytes()
+    for content, component, kind in ((joints, 5121, "VEC4"), (weights, 5126, "VEC4"), (inverse, 5126, "MAT4")):
+        binary += b"\0" * (-len(binary) % 4)
+        header["accessors"].append(
+            {"componentType": component, "type": kind, "count": 2 if kind == "MAT4" else 4}
+            | {"bufferView": len(header["bufferViews"])}
+        )
+        header["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(content)})
+        binary += content
+    header["meshes"][0]["primitives"][0]["attributes"] |= {"JOINTS_0": 2, "WEIGHTS_0": 3}
+    header |= {
+        "scenes": [{"nodes": [0, 1, 2]}],
+        "nodes": [{"mesh": 0, "skin": 0, "scale": [1, 9, 1]}, {}, {"translation": [0, 2, 0]}],
+        "skins": [{"joints": [1, 2], "inverseBindMatrices": 4}],
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
+    corners = mesh.vertices[:, [0, 2]] * 13**0.5 + torch.tensor([1.0, 1.5], dtype=torch.float64)
+    expected = torch.tensor([[0, 0], [2, 0], [0, 2], [2, 3]], dtype=torch.float64)
+    assert float(torch.cdist(corners, expected).amin(0).max()) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["off", "obj", "glb"])
+def test_bytes_are_read_as_a_file_that_has_none_beside_it(tmp_path: Path, kind: str) -> None:
+    contents = {"off": CUBE_OFF.encode(), "obj": b"mtllib a.mtl\nusemtl m\n" + OBJ.encode(), "glb": triangle_glb()}
+    write(tmp_path, "a.mtl", "newmtl m\nKd 0 0 0\n")
+    mesh = load_mesh(InputFile(str(tmp_path / f"a.{kind}"), contents[kind]))
+    assert len(mesh.faces) == (1 if kind == "glb" else 12)
+    assert bool((mesh.brightness == 0.8).all())
+    with pytest.raises(ValueError, match=f"^my.{kind}: "):
+        load_mesh(InputFile(f"my.{kind}", b"nothing"))
 
 
 def test_older_materials_and_buffers_of_a_glb(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
+from ..io.input_file import Readable, input_file
 from ..runtime.text import what_came
 from .mesh_file import read_soup
 from .polygons import Soup, distinct
@@ -30,7 +31,7 @@ FRONTS = {"z": "-y", "y": "+z"}
 """The axis that the front of CAD models usually looks along, by the axis that points up."""
 
 SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
-Y_UP = (".obj", ".glb")
+Y_UP = (".obj", ".glb", ".gltf")
 _FORMAT = 1  # of an archive
 _ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
 
@@ -132,29 +133,28 @@ def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype)
         raise ValueError(f"{name} must be {expected}, got {got}")
 
 
-def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str | None = None) -> Mesh:
+def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None) -> Mesh:
     """The mesh in a file, :meth:`~Mesh.normalized`, in the object's frame (z up, front to -y).
 
     Formats, by the file's ending: OFF (with the colours of COFF), OBJ with MTL, PLY, STL (with Magics' colours), and
-    GLB whose geometry is in the file.  Polygons become triangles, all geometries of a file one mesh, where GLB's nodes
-    put them.  Triangles of no area, repeated triangles and unused vertices are dropped; vertices at the very same place
+    GLB or glTF.  Polygons become triangles, all geometries of a file one mesh, where GLB's nodes and skeletons put
+    them.  Triangles of no area, repeated triangles and unused vertices are dropped; vertices at the very same place
     and of the same brightness become one, so that triangles know their neighbours whatever the format.
 
-    Brightness is 0.299 R + 0.587 G + 0.114 B of the file's numbers (no colour management).  The colour is, in this
-    order, that of the texture at the vertex (a mean over 1/64 of the texture) times GLB's factor; the material's
-    diffuse or base colour; the vertex's colour; GLB's vertex colours multiply its materials.  Without any colour, it is
-    0.8.  Transparency is ignored.
+    Brightness is 0.299 R + 0.587 G + 0.114 B of the file's numbers (no colour management).  The colour is that of the
+    texture at the vertex (a mean over 1/64 of the texture), or else of the vertex, or else of the material; in GLB the
+    product of these.  Without any colour, it is 0.8.  Transparency is ignored.
 
     The file is not trusted.  It is refused before it is unpacked if it has too many faces, or if the accessors, nodes
     or textures of a GLB would take much more memory than the file has bytes; the limits are constants of
-    :mod:`.mesh_bytes`, :mod:`.glb_file` and :mod:`.mesh_file`.  Of the materials and textures that a file names, only
-    those in the same folder or below are read, and ShapeNet's in ``../images``; those that cannot be read are ignored.
-    Nothing is downloaded.
+    :mod:`.mesh_bytes`, :mod:`.obj_file`, :mod:`.gltf_file` and :mod:`.companion_files`.  Of the files that it names,
+    only those in the same folder or below are read, and ShapeNet's in ``../images``; materials and textures that cannot
+    be read are ignored.  Nothing is downloaded.
 
     Args:
-        path: the file.
-        up: which of the file's axes points up: "x", "y" or "z", with a sign or without.  None: "y" for OBJ and GLB, "z"
-            for the others, as these formats are mostly used.
+        path: the file, or an :class:`~nablahog.io.input_file.InputFile` of its bytes, which has no files beside it.
+        up: which of the file's axes points up: "x", "y" or "z", with a sign or without.  None: "y" for OBJ, GLB and
+            glTF, "z" for the others, as these formats are mostly used.
         front: which of the file's axes the front looks along, likewise.  None: "-y" with z up; "+z" with y up, so that
             (x, y, z) becomes (x, -z, y).
 
@@ -179,9 +179,9 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
             [ 0.3000,  0.0000, -0.4000],
             [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
-    path = Path(path)
-    turned = axes(up or ("y" if path.suffix.lower() in Y_UP else "z"), front).astype(np.float64)
-    soup = read_soup(path)
+    file = input_file(path)
+    turned = axes(up or ("y" if file.ending in Y_UP else "z"), front).astype(np.float64)
+    soup = read_soup(file)
     soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
     try:
         turn = torch.eye(4, dtype=torch.float64)
@@ -190,7 +190,7 @@ def load_mesh(path: str | os.PathLike[str], *, up: str | None = None, front: str
         whole = Mesh(vertices, faces, brightness, turn).normalized()
         return _tidied(whole).normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{file}: {error}") from None
 
 
 def _tidied(mesh: Mesh) -> Mesh:

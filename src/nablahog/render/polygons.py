@@ -46,8 +46,11 @@ def soup_of(
 ) -> Soup:
     """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of corners, if known."""
     check_corners(corners, len(vertices))
-    if of_corners is not None:  # a vertex for each corner, since neighbours may differ
-        vertices, of_vertices, corners = vertices[corners], of_corners, np.arange(len(corners))
+    if of_corners is not None:
+        of_vertices = np.full(len(vertices), BRIGHTNESS)
+        of_vertices[corners] = of_corners
+        if (of_vertices[corners] != of_corners).any():  # neighbours differ: a vertex for each corner
+            vertices, of_vertices, corners = vertices[corners], of_corners, np.arange(len(corners))
     faces, _ = triangulated(vertices, corners, counts)
     return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
 

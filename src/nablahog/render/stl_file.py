@@ -7,10 +7,11 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh_bytes import as_utf8
+from .mesh_bytes import as_numbers, as_utf8
 from .polygons import BRIGHTNESS, GRAY, Floats, Soup
 
 _HEADER = 80  # bytes
+_EXPECTED = "a facet must have three corners of three numbers each, with decimal points"
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -54,8 +55,7 @@ def _of_text(text: bytes) -> Floats:
     if not text.startswith(b"solid") or b"endsolid" not in text:
         raise ValueError("it is neither a whole text from solid to endsolid nor binary of the length that it promises")
     found = re.findall(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", text)
-    corners = np.fromstring(b" ".join(found), sep=" ")
     loops = text.count(b"endloop")
-    if corners.size != 3 * len(found) or len(found) % 3 or (loops and len(found) != 3 * loops):
-        raise ValueError("a facet must have three corners of three numbers each, with decimal points")
-    return corners.reshape(-1, 3)
+    if len(found) % 3 or (loops and len(found) != 3 * loops):
+        raise ValueError(_EXPECTED)
+    return as_numbers(b" ".join(found), np.float64, 3 * len(found), _EXPECTED).reshape(-1, 3)

@@ -72,7 +72,7 @@ def pose(commands: argparse._SubParsersAction[Parser]) -> None:
         "--up",
         type=_axis,
         metavar="AXIS",
-        help="the axis of the models that points up, such as --up=-z (default: y for OBJ and GLB, else z)",
+        help="the axis of the models that points up, such as --up=-z (default: y for OBJ, GLB and glTF, else z)",
     )
     command.add_argument(
         "--front",
