@@ -64,17 +64,6 @@ def as_request_error() -> Iterator[None]:
         raise RequestError(503, "not enough memory: a smaller size needs less") from None
 
 
-@contextmanager
-def named(path: str, name: str) -> Iterator[None]:
-    """As :func:`as_request_error`; the sentence calls the file ``path`` by the user's own ``name``."""
-    try:
-        with as_request_error():
-            yield
-    except RequestError as error:
-        error.answer["error"] = error.answer["error"].replace(path, name)
-        raise
-
-
 def as_answer(error: Exception) -> RequestError:
     """An error as the page is told; one of the program's own is logged."""
     if isinstance(error, RequestError):

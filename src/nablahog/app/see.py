@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
+import io
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,8 +121,7 @@ def _normalised_by(block: Box, of: DescriptorEntry) -> list[int]:
 
 def as_file(of: DescriptorEntry) -> bytes:
     """A descriptor as the file that `nablahog hog` writes."""
-    with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
-        path = Path(folder, "descriptor.npz")
-        with as_request_error():
-            save_descriptor(path, of.source.descriptor, of.source.spec, of.source.image_size)
-        return path.read_bytes()
+    file = io.BytesIO()
+    with as_request_error():
+        save_descriptor(file, of.source.descriptor, of.source.spec, of.source.image_size)
+    return file.getvalue()

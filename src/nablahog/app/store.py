@@ -1,7 +1,6 @@
 """Uploads: photographs, files of descriptors, templates of detectors, and meshes; the least recently used go first.
 
-A file is written under a name of our own into a temporary folder, read by the same functions as the command line's, and
-removed; nothing else of a request becomes a path.
+A file is read from memory, by the same functions as the command line's; nothing of a request becomes a path.
 """
 
 from __future__ import annotations
@@ -9,13 +8,10 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-import tempfile
 import warnings
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -30,11 +26,12 @@ from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
 from ..io.images import limit_size, read_exif_focal, read_image
+from ..io.input_file import InputFile
 from ..io.pixels import register_heif
 from ..render import Mesh, load_mesh
 from . import lines
 from .lines import Reading
-from .requests import GONE, SEE_SIZE, RequestError, Settings, decoded, named, spec_options
+from .requests import GONE, SEE_SIZE, RequestError, Settings, as_request_error, decoded, spec_options
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
@@ -164,8 +161,9 @@ class Store:
 def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps a photograph of any format that the command line reads."""
     _check_pixels(data, name)
-    with _as_file(data, name, "photo") as path:
-        kept = Photograph(name, read_image(path), focal=read_exif_focal(path))
+    file = InputFile(name, data)
+    with as_request_error():
+        kept = Photograph(name, read_image(file), focal=read_exif_focal(file))
     height, width = kept.size
     return {"id": store.add(kept, data), "name": name, "width": width, "height": height, "focal": kept.focal}
 
@@ -185,22 +183,23 @@ def _check_pixels(data: bytes, name: str) -> None:
 
 def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
-    ending = Path(name).suffix.lower()
-    if ending not in ARRAYS:
-        raise RequestError(422, f"{name}: expected a descriptor ({', '.join(ARRAYS)}), got the ending {ending!r}")
+    file = InputFile(name, data)
+    if file.ending not in ARRAYS:
+        expected = ", ".join(ARRAYS)
+        raise RequestError(422, f"{name}: expected a descriptor ({expected}), got the ending {file.ending!r}")
     template = query.get("as") == "template"
     settings: dict[str, str] = decoded(query.get("settings") or "{}", Settings)
     options, size = spec_options(query.get("preset") or None, settings), _image_size(query.get("image_size"))
     arrays = ArrayOptions(size, query.get("key") or None)
-    with _as_file(data, name, f"descriptor{ending}") as path:
-        try:
-            with named(str(path), name):
-                sources = _sources(str(path), name, options, arrays, template)
-        except RequestError as error:
-            if is_raw(path):
-                error.answer["question"] = _question(path, arrays)
-            raise
-        readings = _readings(path, name, sources, options, arrays, template)
+    try:
+        with as_request_error():
+            sources = _sources(file, options, arrays, template)
+    except RequestError as error:
+        if is_raw(file):
+            error.answer["question"] = _question(file, arrays)
+        raise
+    with as_request_error():
+        readings = _readings(file, sources, options, arrays, template)
     parts = []
     for source, reading in zip(sources, readings, strict=True):
         rows, cols, _ = source.descriptor.shape
@@ -221,34 +220,34 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
     }
 
 
-def _sources(path: str, name: str, options: SpecOptions, arrays: ArrayOptions, template: bool) -> list[Source]:
+def _sources(file: InputFile, options: SpecOptions, arrays: ArrayOptions, template: bool) -> list[Source]:
     if template:
         return [
-            Source(each.part or name, "template", each.descriptor, each.spec, each.image_size, None)
-            for each in read_templates(path, options, arrays)
+            Source(each.part or file.name, "template", each.descriptor, each.spec, each.image_size, None)
+            for each in read_templates(file, options, arrays)
         ]
-    of_file = arrays.read(path, options) if is_raw(path) else load_descriptor(path)
-    return [Source(name, "descriptor", of_file.descriptor.float(), of_file.spec, of_file.image_size, None)]
+    stored = arrays.read(file, options) if is_raw(file) else load_descriptor(file)
+    return [Source(file.name, "descriptor", stored.descriptor.float(), stored.spec, stored.image_size, None)]
 
 
 def _readings(
-    path: Path, name: str, sources: list[Source], options: SpecOptions, arrays: ArrayOptions, template: bool
+    file: InputFile, sources: list[Source], options: SpecOptions, arrays: ArrayOptions, template: bool
 ) -> list[Reading]:
     """How each of the sources in a file is read again."""
-    if template and is_dpm_file(path):
-        return [lines.of_model(name, number) for number in range(len(sources))]
-    if not is_raw(path):
-        return [lines.of_file(name)]
-    array = read_array(path, arrays.key)
-    return [lines.of_array(name, array, each, options, arrays, template=template) for each in sources]
+    if template and is_dpm_file(file):
+        return [lines.of_model(file.name, number) for number in range(len(sources))]
+    if not is_raw(file):
+        return [lines.of_file(file.name)]
+    array = read_array(file, arrays.key)
+    return [lines.of_array(file.name, array, each, options, arrays, template=template) for each in sources]
 
 
-def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any] | None:
+def _question(file: InputFile, arrays: ArrayOptions) -> dict[str, Any] | None:
     """Which arrays there are, if several, or the presets that fit the one, the likeliest first; None for no array."""
     fitting: list[tuple[float, FittingPreset]] = []
     keys: list[str] | None = None
     try:
-        array = read_array(path, arrays.key)
+        array = read_array(file, arrays.key)
         fitting = likeliest(array, arrays.image_size)
     except (ValueError, OSError) as error:
         keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2])
@@ -266,14 +265,14 @@ def _question(path: Path, arrays: ArrayOptions) -> dict[str, Any] | None:
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the mesh in a file."""
-    ending, up, front = Path(name).suffix.lower(), query.get("up", ""), query.get("front", "")
-    if ending not in MESHES:
-        raise RequestError(422, f"{name}: expected a model ({', '.join(MESHES)}), got the ending {ending!r}")
+    file, up, front = InputFile(name, data), query.get("up", ""), query.get("front", "")
+    if file.ending not in MESHES:
+        raise RequestError(422, f"{name}: expected a model ({', '.join(MESHES)}), got the ending {file.ending!r}")
     if up not in AXES or front not in AXES:
         raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
-    with _as_file(data, name, f"model{ending}") as path:
-        kept = MeshEntry(name, load_mesh(path, up=up or None, front=front or None), up or None, front or None)
-    key = store.add(kept, data, ending.encode(), up.encode(), front.encode())
+    with as_request_error():
+        kept = MeshEntry(name, load_mesh(file, up=up or None, front=front or None), up or None, front or None)
+    key = store.add(kept, data, file.ending.encode(), up.encode(), front.encode())
     return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
 
 
@@ -284,13 +283,3 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
     if match is None:
         raise RequestError(422, f"expected an image size such as 128x64, height first, got {text[:40]!r}")
     return int(match[1]), int(match[2])
-
-
-@contextmanager
-def _as_file(data: bytes, name: str, own_name: str) -> Iterator[Path]:
-    """The bytes in a file of a temporary folder; errors call it by the user's name."""
-    with tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
-        path = Path(folder, own_name)
-        path.write_bytes(data)
-        with named(str(path), name):
-            yield path

@@ -19,7 +19,8 @@ from torch.optim.lr_scheduler import OneCycleLR
 from ..hog.checks import check_choice
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.files import check_file, replacing
+from ..io.files import replacing
+from ..io.input_file import input_file
 from ..io.learned_model import flat, fold_statistics, unfold_statistics, with_weights
 from ..runtime.pytorch import in_plain_mode, seeded
 from .histograms import searchable
@@ -220,7 +221,7 @@ def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[st
     """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs."""
     if path is None or not path.exists():
         return []
-    check_file(path, "a checkpoint of a training")
+    input_file(path).check("a checkpoint of a training")
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
         differing = [name for name, value in identity.items() if state["identity"][name] != value]

@@ -9,14 +9,14 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.text import one_line
-from .files import check_file, replacing, starts_as
+from .files import Writable, replacing
+from .input_file import InputFile, Readable, input_file
 
 MAX_BYTES = 2**28  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
 VARIABLE = "NABLAHOG_MAX_BYTES"
@@ -25,7 +25,7 @@ MAX_CHARACTERS = 2**22  # of a text; parsed JSON may take thirty times as many b
 Arrays = dict[str, NDArray[Any]]
 
 
-def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Readable, kind: str, names: Sequence[str]) -> Arrays:
     """The arrays ``names`` of the archive ``path``, of a ``kind`` such as "descriptor file"; others are not read.
 
     Raises:
@@ -33,7 +33,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         ValueError: it is not an archive, is damaged, lacks an array, holds pickled objects, or is larger unpacked than
             :data:`MAX_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
     """
-    with _opened(path, kind) as archive:
+    with _opened(input_file(path), kind) as archive:
         missing = [name for name in names if name not in archive]
         arrays = {} if missing else {name: archive[name] for name in names}
     if missing:
@@ -44,9 +44,7 @@ def read_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
     return arrays
 
 
-def write_arrays(
-    path: str | os.PathLike[str], version: int, arrays: Mapping[str, object], *, compressed: bool = False
-) -> None:
+def write_arrays(path: Writable, version: int, arrays: Mapping[str, object], *, compressed: bool = False) -> None:
     """Writes an archive of ``arrays`` and, as ``format``, its version.  The file is replaced whole or not at all."""
     with replacing(path) as file:
         named = {name: np.asarray(array) for name, array in {"format": version, **arrays}.items()}
@@ -71,71 +69,72 @@ def check_format(arrays: Arrays, kind: str, expected: int) -> None:
 
 
 @contextmanager
-def naming(path: str | os.PathLike[str]) -> Iterator[None]:
+def naming(path: Readable) -> Iterator[None]:
     """Turns errors in the block into a ValueError that begins with the name of the file."""
     try:
         yield
     except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
-        raise ValueError(f"{os.fspath(path)}: {one_line(error)}") from None
+        raise ValueError(f"{path}: {one_line(error)}") from None
 
 
-def is_archive(path: str | os.PathLike[str]) -> bool:
+def is_archive(path: Readable) -> bool:
     """Whether ``path`` claims to be an archive: it is named .npz, or starts as a zip archive does."""
-    return starts_as(path, ".npz", b"PK\x03\x04")
+    return input_file(path).starts_as(".npz", b"PK\x03\x04")
 
 
-def is_raw(path: str | os.PathLike[str]) -> bool:
+def is_raw(path: Readable) -> bool:
     """Whether ``path`` is, by its name or its first bytes, a .npy or .mat file, or an .npz file that is not ours."""
-    if _is_npy(path) or _is_mat(path):
+    file = input_file(path)
+    if _is_npy(file) or _is_mat(file):
         return True
-    if not is_archive(path):
+    if not is_archive(file):
         return False
     try:
-        with _opened(path, "descriptor file") as archive:
+        with _opened(file, "descriptor file") as archive:
             return "spec" not in archive
     except (OSError, ValueError):  # damaged; reading it as a descriptor file will say so
         return False
 
 
-def read_array(path: str | os.PathLike[str], key: str | None) -> NDArray[np.floating]:
+def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:
     """The array of a .npy, .npz or .mat file: of several, that named ``key``, or the only one of more than one number.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is damaged, has no such array or several, or one of no floating-point numbers.
     """
-    array = _chosen(path, key)
+    array = _chosen(input_file(path), key)
     if array.dtype.kind != "f" or array.dtype.itemsize > 8:
         write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else ""
         raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}{write}")
     return array
 
 
-def _chosen(path: str | os.PathLike[str], key: str | None) -> NDArray[Any]:
-    if _is_npy(path):
+def _chosen(file: InputFile, key: str | None) -> NDArray[Any]:
+    if _is_npy(file):
         if key is not None:
-            raise ValueError(f"{path}: --key goes with .npz and .mat files; a .npy file holds one array")
-        return _npy(path)
-    if _is_mat(path):
+            raise ValueError(f"{file}: --key goes with .npz and .mat files; a .npy file holds one array")
+        return _npy(file)
+    if _is_mat(file):
         from .matfile import read_mat_arrays  # which models and descriptor files do not need
 
-        arrays = read_mat_arrays(path)
+        arrays = read_mat_arrays(file)
     else:
-        arrays = numbers_in(path)
+        arrays = numbers_in(file)
     if key is not None and key in arrays:
         return arrays[key]
     listed = "the file holds no array of numbers"
     if arrays:
         listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
     if key is not None:
-        raise ValueError(f"{path}: there is no array {one_line(key)!r} of numbers; {listed}")
+        raise ValueError(f"{file}: there is no array {one_line(key)!r} of numbers; {listed}")
     several = [array for array in arrays.values() if array.size > 1]
     if len(several) != 1:
-        raise ValueError(f"{path}: expected one array or --key NAME, but {listed}")
+        raise ValueError(f"{file}: expected one array or --key NAME, but {listed}")
     return several[0]
 
 
-def numbers_in(path: str | os.PathLike[str]) -> Arrays:
+def numbers_in(path: Readable) -> Arrays:
     """All arrays of numbers of an archive; texts, pickled objects and what is not an array are passed over."""
 
     def unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> Any:
@@ -146,7 +145,7 @@ def numbers_in(path: str | os.PathLike[str]) -> Arrays:
                 return None
             raise
 
-    with _opened(path, "archive of arrays") as archive:
+    with _opened(input_file(path), "archive of arrays") as archive:
         arrays = {name: unless_pickled(archive, name) for name in archive}
     return {
         name: array for name, array in arrays.items() if isinstance(array, np.ndarray) and array.dtype.kind in "biufc"
@@ -154,53 +153,57 @@ def numbers_in(path: str | os.PathLike[str]) -> Arrays:
 
 
 @contextmanager
-def _opened(path: str | os.PathLike[str], kind: str) -> Iterator[np.lib.npyio.NpzFile]:
-    path = Path(path)
-    check_file(path, f"a {kind} (.npz)")
+def _opened(file: InputFile, kind: str) -> Iterator[np.lib.npyio.NpzFile]:
+    file.check(f"a {kind} (.npz)")
     try:
-        with zipfile.ZipFile(path) as archive:
+        with file.open() as stream, zipfile.ZipFile(stream) as archive:
             size = sum(member.file_size for member in archive.infolist())
     except Exception as error:  # zipfile has no common base for what damage makes it raise
-        raise ValueError(f"{path}: expected a {kind} (.npz), but it cannot be read: {one_line(error)}") from None
-    _check_size(path, size)
+        raise ValueError(f"{file}: expected a {kind} (.npz), but it cannot be read: {one_line(error)}") from None
+    _check_size(file, size)
     try:
         # opened here, because numpy leaves damaged files open
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
+        with file.open() as stream, np.load(stream, allow_pickle=False) as arrays:
             yield arrays
     except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
         if "allow_pickle" in str(error):
-            raise ValueError(f"{path}: the archive holds pickled objects, which are never loaded") from None
-        raise ValueError(f"{path}: the archive is damaged: {one_line(error)}") from None
+            raise ValueError(f"{file}: the archive holds pickled objects, which are never loaded") from None
+        raise ValueError(f"{file}: the archive is damaged: {one_line(error)}") from None
 
 
-def _check_size(path: Path, size: int) -> None:
-    given = os.environ.get(VARIABLE) or str(MAX_BYTES)
-    if not given.isdecimal() or int(given) < 1:
-        raise ValueError(f"{VARIABLE} must be a number of bytes, got {one_line(given)!r}")
-    if size > int(given):
+def _check_size(file: InputFile, size: int) -> None:
+    allowed = os.environ.get(VARIABLE) or str(MAX_BYTES)
+    if not allowed.isdecimal() or int(allowed) < 1:
+        raise ValueError(f"{VARIABLE} must be a number of bytes, got {one_line(allowed)!r}")
+    if size > int(allowed):
         raise ValueError(
-            f"{path}: the file unpacks to {size:,} bytes, more than the {int(given):,} allowed; the environment "
+            f"{file}: the file unpacks to {size:,} bytes, more than the {int(allowed):,} allowed; the environment "
             f"variable {VARIABLE} allows more"
         )
 
 
-def _npy(path: str | os.PathLike[str]) -> NDArray[Any]:
-    path = Path(path)
-    check_file(path, "an array (.npy)")
-    _check_size(path, path.stat().st_size)
+def _npy(file: InputFile) -> NDArray[Any]:
+    file.check("an array (.npy)")
+    _check_size(file, file.size)
     try:
-        # mapped, since a damaged header may claim any size
-        array = np.lib.format.open_memmap(path, mode="r")
-        return np.array(array) if array.dtype.kind == "f" else array  # copying 10¹² items of 0 bytes takes forever
+        with file.open() as stream:
+            version = np.lib.format.read_magic(stream)
+            read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+            shape, by_columns, dtype = read_header[version](stream)
+            if dtype.hasobject:
+                raise ValueError("Python objects")
+            # not np.load, which allocates whatever a damaged header claims
+            array = np.ndarray(shape, dtype, stream.read(), order="F" if by_columns else "C")
+        return np.array(array) if dtype.kind == "f" else array  # copying 10¹² items of 0 bytes takes forever
     except Exception as error:  # a damaged header fails in many ways
         if "Python objects" in str(error):
-            raise ValueError(f"{path}: the file holds pickled objects, which are never loaded") from None
-        raise ValueError(f"{path}: expected an array (.npy), but it cannot be read: {one_line(error)}") from None
+            raise ValueError(f"{file}: the file holds pickled objects, which are never loaded") from None
+        raise ValueError(f"{file}: expected an array (.npy), but it cannot be read: {one_line(error)}") from None
 
 
-def _is_npy(path: str | os.PathLike[str]) -> bool:
-    return starts_as(path, ".npy", b"\x93NUMPY")
+def _is_npy(file: InputFile) -> bool:
+    return file.starts_as(".npy", b"\x93NUMPY")
 
 
-def _is_mat(path: str | os.PathLike[str]) -> bool:
-    return starts_as(path, ".mat", b"MATLAB")
+def _is_mat(file: InputFile) -> bool:
+    return file.starts_as(".mat", b"MATLAB")

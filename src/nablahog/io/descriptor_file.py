@@ -6,7 +6,6 @@ Arrays of other libraries become such descriptors by their layout and the size o
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -22,6 +21,8 @@ from ..hog.layout import from_layout, native_shape
 from ..hog.presets import as_spec
 from ..hog.spec import Layout
 from .arrays import check_format, naming, read_arrays, text, write_arrays
+from .files import Writable
+from .input_file import Readable
 
 FORMAT = 1
 _ARRAYS = ("format", "descriptor", "spec", "image_size")
@@ -85,7 +86,7 @@ class StoredDescriptor:
 
 
 def save_descriptor(
-    path: str | os.PathLike[str],
+    path: Writable,
     descriptor: Tensor | NDArray[np.floating],
     spec: HOGSpec | str,
     image_size: tuple[int, int],
@@ -96,7 +97,7 @@ def save_descriptor(
     ``format`` (1).  It is replaced completely or not at all.
 
     Args:
-        path: the file, with any ending.
+        path: the file, with any ending, or a stream.
         descriptor: (rows, cols, channels), a tensor or an array, float32 or float64, finite; of a tensor its values.
         spec: the dialect, or the name of a preset with its defaults.
         image_size: (height, width) in pixels.
@@ -117,11 +118,11 @@ def save_descriptor(
     write_arrays(path, FORMAT, arrays, compressed=True)
 
 
-def load_descriptor(path: str | os.PathLike[str]) -> StoredDescriptor:
+def load_descriptor(path: Readable) -> StoredDescriptor:
     """The descriptor that :func:`save_descriptor` wrote.  Nothing is unpickled, so no code in the file is run.
 
     Args:
-        path: the file.
+        path: the file, or an :class:`~nablahog.io.input_file.InputFile` of its bytes.
 
     Returns:
         The descriptor (rows, cols, channels) on the CPU, with its spec and the size of its image.

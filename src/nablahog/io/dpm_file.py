@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ..runtime.text import one_line
+from .input_file import Readable
 from .matfile import read_mat
 
 CHANNELS = 32
@@ -46,7 +46,7 @@ class DPMModel:
     filters: tuple[Filter, ...]
 
 
-def is_dpm_file(path: str | os.PathLike[str]) -> bool:
+def is_dpm_file(path: Readable) -> bool:
     """Whether a file is a MATLAB file that holds a struct ``model`` with filters."""
     try:
         return "filters" in read_mat(path)["model"][0]
@@ -54,7 +54,7 @@ def is_dpm_file(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
+def load_dpm(path: Readable) -> DPMModel:
     """The templates of the model in a file.
 
     Raises:
@@ -66,7 +66,7 @@ def load_dpm(path: str | os.PathLike[str]) -> DPMModel:
         return _unfolded(stored["model"][0])
     except (LookupError, TypeError, ValueError) as error:
         reason = one_line(f"it has no {error}" if isinstance(error, KeyError) else error)
-        raise ValueError(f"{os.fspath(path)}: expected a model of voc-release5, but {reason}") from None
+        raise ValueError(f"{path}: expected a model of voc-release5, but {reason}") from None
 
 
 def _integers(numbers: Any) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import os
 import re
@@ -12,23 +13,32 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeAlias
 
 MAX_STEM_BYTES = 180  # file systems allow 255 for a name; endings need some of them
 PART = ".part"
 ABANDONED = 86_400  # seconds: longer than a host stalls or two hosts' clocks differ
 
+Writable: TypeAlias = str | os.PathLike[str] | BinaryIO
+"""Where files are written: a path, or a stream such as standard output."""
+
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def replacing(path: Writable) -> Iterator[BinaryIO]:
     """A binary file that becomes ``path`` when the block ends, and vanishes when the block fails.
 
-    Written beside ``path`` and renamed at the end: a reader sees the old file or the new one, never a part.
+    Written beside ``path`` and renamed at the end: a reader sees the old file or the new one, never a part.  To a
+    stream it is written at the end.
 
     Raises:
         FileExistsError: ``path`` is a folder or a device.
         OSError: the folder does not exist or cannot be written, or the disk is full; its ``filename`` is ``path``.
     """
+    if not isinstance(path, str | os.PathLike):
+        memory = io.BytesIO()
+        yield memory
+        path.write(memory.getvalue())
+        return
     path = Path(os.path.realpath(path))  # a link keeps its target
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is not a regular file")
@@ -62,28 +72,6 @@ def local_name(name: str) -> str:
     except UnicodeEncodeError:
         return os.fsdecode(name.encode(errors="surrogateescape"))
     return name
-
-
-def check_file(path: Path, expected: str) -> None:
-    """Raises FileNotFoundError or ValueError unless it is a regular file; ``expected`` is such as "an image file"."""
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: no such file")
-    if not path.is_file():
-        raise ValueError(f"{path}: expected {expected}, got a {'folder' if path.is_dir() else 'special file'}")
-
-
-def starts_as(path: str | os.PathLike[str], ending: str, start: bytes) -> bool:
-    """Whether a file's name has this ending, or its first bytes are these."""
-    path = Path(path)
-    if path.suffix.lower() == ending:
-        return True
-    if not path.is_file():  # a pipe would wait for its first bytes
-        return False
-    try:
-        with open(path, "rb") as file:
-            return file.read(len(start)) == start
-    except OSError:
-        return False
 
 
 def check_folder(folder: Path, expected: str) -> None:

@@ -18,7 +18,8 @@ from torch.nn import functional
 
 from ..runtime.extras import extra
 from ..runtime.text import one_line
-from .files import check_file, replacing
+from .files import Writable, replacing
+from .input_file import Readable, input_file
 from .pixels import decoded, has_8_bits, levels, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
@@ -46,7 +47,7 @@ def image_endings() -> set[str]:
     return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
 
 
-def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = False) -> Tensor:
+def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tensor:
     """The picture in a file, of any format that Pillow decodes by itself, or with pillow-heif where that is installed.
 
     It comes upright (EXIF orientation), over white where it is transparent, and of several frames the first.  Gray
@@ -56,7 +57,7 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
     JPEG or JPEG 2000 file may lack its end marker, if it has all pixels.
 
     Args:
-        path: the file.
+        path: the file, or an :class:`~nablahog.io.input_file.InputFile` of its bytes.
         size: pixels; a picture whose longer side has more is shrunk as :func:`limit_size` does, with less memory than
             the whole takes; 0 for never.
         as_bytes: whether to keep 8 bits a channel as they are, if the file has no more and is not shrunk.
@@ -69,30 +70,30 @@ def read_image(path: str | os.PathLike[str], size: int = 0, *, as_bytes: bool = 
         ValueError: it is not a regular file or picture, is damaged, has no pixels or more than twice
             ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
     """
-    path = Path(path)
-    check_file(path, "an image file")
+    file = input_file(path)
+    file.check("an image file")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about odd metadata, and about many pixels
         try:
-            image = decoded(path)
+            image = decoded(file)
             if not image.width * image.height:
                 raise ValueError(f"it has no pixels ({image.height}x{image.width})")
             return _assembled(image, size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
-            raise ValueError(f"{path}: an image of more than {limit:,} pixels is refused; it may be a bomb") from None
+            raise ValueError(f"{file}: an image of more than {limit:,} pixels is refused; it may be a bomb") from None
         except UnidentifiedImageError:
-            raise ValueError(f"{path}: expected an image, got a file of no format that Pillow reads") from None
+            raise ValueError(f"{file}: expected an image, got a file of no format that Pillow reads") from None
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
-            raise ValueError(f"{path}: the image cannot be read: {one_line(error)}") from None
+            raise ValueError(f"{file}: the image cannot be read: {one_line(error)}") from None
 
 
-def longer_side(path: str | os.PathLike[str]) -> int:
+def longer_side(path: Readable) -> int:
     """Pixels of the longer side of a picture that :func:`read_image` reads."""
     image: Image.Image
-    with Image.open(path) as image:
+    with input_file(path).open() as stream, Image.open(stream) as image:
         return max(image.size)
 
 
@@ -147,17 +148,18 @@ def to_pil(picture: Picture) -> Image.Image:
     return Image.fromarray(np.rint(values.clip(0, 1) * 255).astype(np.uint8))
 
 
-def write_image(path: str | os.PathLike[str], picture: Picture | Image.Image) -> None:
-    """Writes ``picture``, as :func:`to_pil` takes or makes it, in the format of the name's ending.
+def write_image(path: Writable, picture: Picture | Image.Image) -> None:
+    """Writes ``picture``, as :func:`to_pil` takes or makes it, in the format of the name's ending, to a stream as PNG.
 
     ``path`` is replaced whole or not at all.
 
     Raises:
         ValueError: Pillow writes no images with such an ending.
     """
-    kind = Image.registered_extensions().get(Path(path).suffix.lower())
+    ending = Path(path).suffix if isinstance(path, str | os.PathLike) else ".png"
+    kind = Image.registered_extensions().get(ending.lower())
     if kind not in Image.SAVE:
-        raise ValueError(f"{path}: expected the ending of an image file, such as .png, got {Path(path).suffix!r}")
+        raise ValueError(f"{path}: expected the ending of an image file, such as .png, got {ending!r}")
     image = picture if isinstance(picture, Image.Image) else to_pil(picture)
     with replacing(path) as file:
         image.save(file, format=kind)
@@ -197,7 +199,7 @@ def exif_focal(image: Image.Image) -> float | None:
     return None
 
 
-def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
+def read_exif_focal(path: Readable) -> float | None:
     """The focal length in pixels that the file of a photograph says its camera had; None if it says nothing of use.
 
     That is FocalLengthIn35mmFilm, or else FocalLength at FocalPlaneXResolution.  A photograph may have been made
@@ -220,7 +222,7 @@ def read_exif_focal(path: str | os.PathLike[str]) -> float | None:
     register_heif()
     with warnings.catch_warnings(), suppress(Exception):
         warnings.simplefilter("ignore")
-        with Image.open(path) as image:
+        with input_file(path).open() as stream, Image.open(stream) as image:
             return exif_focal(image)
     return None
 

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from ..hog.spec import HOGSpec
 from ..runtime.text import one_line
 from .arrays import Arrays, check_format, naming, read_arrays, text, write_arrays
+from .input_file import Readable
 
 Model = TypeVar("Model", bound="LearnedModel")
 Network = TypeVar("Network", bound=nn.Module)
@@ -76,7 +77,7 @@ class LearnedModel(ABC):
         write_arrays(path, self.FORMAT, arrays, compressed=self.COMPRESSED)
 
     @classmethod
-    def load(cls: type[Model], path: str | os.PathLike[str]) -> Model:
+    def load(cls: type[Model], path: Readable) -> Model:
         """Reads what :meth:`save` wrote.  Never unpickles, so nothing in the file is ever run.
 
         Raises:

@@ -9,18 +9,15 @@ Source: MAT-File Format, The MathWorks, chapter 1.
 from __future__ import annotations
 
 import math
-import os
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .files import check_file
+from .input_file import InputFile, Readable, input_file
 
 MAX_BYTES = 2**26  # that a file may unpack to; records of photographs have far fewer
 MAX_ARRAY_BYTES = 2**29  # that its arrays may take: small numbers are stored in fewer bytes than they take
@@ -33,10 +30,11 @@ _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHARACTERS, _OPAQUE = 1, 2, 4, 17
 _CLASSES = dict(enumerate(("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"), start=6))
+Parsed = TypeVar("Parsed")
 _COMPLEX, _LOGICAL = 0x800, 0x200  # flags of a class
 
 
-def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_mat(path: Readable) -> dict[str, Any]:
     """The variables of a .mat file by name.
 
     Arrays of numbers are float64 arrays of their shape, of complex ones the real parts; arrays of characters are one
@@ -47,30 +45,24 @@ def read_mat(path: str | os.PathLike[str]) -> dict[str, Any]:
         FileNotFoundError: there is no such file.
         ValueError: it is no .mat file of version 5, is damaged, or exceeds :data:`MAX_BYTES` or :data:`MAX_ELEMENTS`.
     """
-    with _naming(path) as data:
-        return _variables(data)
+    return _parsed(input_file(path), _variables)
 
 
-def read_mat_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
+def read_mat_arrays(path: Readable) -> dict[str, NDArray[np.generic]]:
     """The arrays of numbers of a .mat file by name, of the types that they have in MATLAB; errors as :func:`read_mat`.
 
     Complex arrays are complex, too, but without their imaginary parts.
     """
-    with _naming(path) as data:
-        return _arrays(data)
+    return _parsed(input_file(path), _arrays)
 
 
-@contextmanager
-def _naming(path: str | os.PathLike[str]) -> Iterator[bytes]:
-    """The bytes of the file; what is wrong with them is a ValueError that begins with its name."""
-    path = Path(path)
-    check_file(path, "a MATLAB file")
-    with open(path, "rb") as file:
-        data = file.read(MAX_BYTES + 1)
+def _parsed(file: InputFile, parse: Callable[[bytes], Parsed]) -> Parsed:
+    """What a function makes of the file's bytes; what is wrong with them is a ValueError that begins with its name."""
+    file.check("a MATLAB file")
     try:
-        yield data
+        return parse(file.read(MAX_BYTES + 1))
     except _Damaged as error:
-        raise ValueError(f"{path}: expected a MATLAB file of version 5, but {error}") from None
+        raise ValueError(f"{file}: expected a MATLAB file of version 5, but {error}") from None
 
 
 class _Damaged(Exception):

@@ -7,13 +7,14 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANAR_CONFIGURATION, SAMPLEFORMAT
+
+from .input_file import InputFile
 
 MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
 STRIP = 2**19  # pixels that are converted at once
@@ -36,13 +37,13 @@ def register_heif() -> None:
         pillow_heif.register_heif_opener()
 
 
-def decoded(path: Path) -> Image.Image:
+def decoded(file: InputFile) -> Image.Image:
     """The image in a file, upright; raises whatever Pillow does if it is damaged."""
     register_heif()
-    if path.stat().st_size > MAX_BYTES:
+    if file.size > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
     # from memory: some decoders allocate as many bytes as a damaged file promises
-    data = path.read_bytes()
+    data = file.read()
     try:
         return _opened(data)
     except OSError:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import fsspec
 import numpy as np
@@ -16,6 +14,7 @@ from ..hog.descriptor import describe
 from ..io.descriptor_dataset import Row, shard_key, write_shard
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import read_image
+from ..io.input_file import InputFile
 from .store import JobResult
 
 
@@ -58,10 +57,5 @@ class ShardJob:
 def _read(path: str, size: int) -> Tensor:
     if "://" not in path:
         return read_image(path, size)
-    with fsspec.open(path, "rb") as remote, tempfile.TemporaryDirectory(prefix="nablahog-") as folder:
-        local = Path(folder, "image")
-        local.write_bytes(remote.read())
-        try:
-            return read_image(local, size)
-        except ValueError as error:
-            raise ValueError(str(error).removeprefix(f"{local}: ")) from None
+    with fsspec.open(path, "rb") as remote:
+        return read_image(InputFile(path, remote.read()), size)

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..hog.box import Box
-from ..io.files import check_file
+from ..io.input_file import input_file
 from ..runtime.text import decoded, one_line, unguarded
 
 MAX_BYTES = 2**28  # of a file
@@ -68,7 +68,7 @@ def read_list(path: Path, expected: str) -> bytes:
     Raises:
         FileNotFoundError, ValueError: there is no such file, it is not a regular one, or it is larger.
     """
-    check_file(path, expected)
+    input_file(path).check(expected)
     if path.stat().st_size > MAX_BYTES:
         raise ValueError(f"{path}: a list of more than {MAX_BYTES:,} bytes is refused")
     return path.read_bytes()
@@ -160,7 +160,7 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
     path = Path(path)
     ending = path.suffix.lower()
     if ending not in (".csv", ".json"):
-        check_file(path, "a CSV or JSON file")
+        input_file(path).check("a CSV or JSON file")
         raise ValueError(f"{path}: expected a list of objects (.csv, .json), got the ending {path.suffix!r}")
     return _of_csv(path) if ending == ".csv" else _of_json(path)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ..hog.box import Box
-from ..io.files import check_file
+from ..io.input_file import input_file
 from ..runtime.text import one_line
 
 FLAWS = ("difficult", "occluded", "truncated")
@@ -79,7 +79,7 @@ def read_annotation(path: Path) -> list[VOCObject]:
         FileNotFoundError: there is no such file.
         ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
     """
-    check_file(path, "an annotation of PASCAL VOC")
+    input_file(path).check("an annotation of PASCAL VOC")
     with open(path, "rb") as file:
         data = file.read(MAX_BYTES + 1)
     try:

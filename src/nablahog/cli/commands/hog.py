@@ -9,14 +9,13 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
 from ...io.arrays import naming
 from ...io.descriptor_file import save_descriptor
-from ...io.files import local_name, natural_order, output_folder
+from ...io.files import Writable, local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
@@ -49,8 +48,8 @@ def hog(arguments: Namespace) -> int:
         if getattr(arguments, option) is not None:
             raise ValueError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
 
-    def write(path: Path, source: Source) -> None:
-        save_descriptor(path, source.descriptor, source.spec, source.image_size)
+    def write(target: Writable, source: Source) -> None:
+        save_descriptor(target, source.descriptor, source.spec, source.image_size)
 
     is_file = not arguments.output.endswith(os.sep)  # a file of nearly any name, since np.load does not mind
     suffix = Path(arguments.output).suffix.lower()
@@ -68,8 +67,8 @@ def hog(arguments: Namespace) -> int:
 def glyph(arguments: Namespace) -> int:
     """Draws each descriptor; returns the exit status."""
 
-    def write(path: Path, source: Source) -> None:
-        write_image(path, glyph_image(source.descriptor, source.spec))
+    def write(target: Writable, source: Source) -> None:
+        write_image(target, glyph_image(source.descriptor, source.spec))
 
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
@@ -86,7 +85,7 @@ def _check_stdout(output: str) -> None:
 
 
 def _write_each(
-    name: str, inputs: Inputs, ending: str, write: Callable[[Path, Source], None], *, is_file: bool
+    name: str, inputs: Inputs, ending: str, write: Callable[[Writable, Source], None], *, is_file: bool
 ) -> None:
     """Writes one result for each input: to stdout; to the file ``name``, for one input and ``is_file``; or to a folder.
 
@@ -98,9 +97,7 @@ def _write_each(
         got = "stdout" if to_stdout else f"the file name {output}"
         raise ValueError(f"several inputs need a folder: expected -o DIR, got {got}")
     if to_stdout:
-        with TemporaryDirectory(prefix="nablahog-stdout-") as temporary:
-            write(result := Path(temporary, f"result{ending}"), sources[0])
-            sys.stdout.buffer.write(result.read_bytes())
+        write(sys.stdout.buffer, sources[0])
         return
     if not inputs.many and is_file and not output.is_dir():
         folder, targets = output.parent, [output]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...hog import HOGSpec
 from ...io.arrays import naming, read_array
 from ...io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
+from ...io.input_file import Readable
 from ..arguments.presets import PRESETS, SpecOptions, as_text, window_of
 
 Size: TypeAlias = tuple[int, int]
@@ -45,7 +46,7 @@ class ArrayOptions:
                     f"{option} goes with arrays of other libraries, but no input is one (.npy, .npz, .mat)"
                 )
 
-    def read(self, path: str, options: SpecOptions) -> StoredDescriptor:
+    def read(self, path: Readable, options: SpecOptions) -> StoredDescriptor:
         """The descriptor in a .npy, .npz or .mat file."""
         array = read_array(path, self.key)
         with naming(path):

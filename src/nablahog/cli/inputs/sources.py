@@ -5,10 +5,8 @@ from __future__ import annotations
 import glob
 import os
 import sys
-import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +23,7 @@ from ...io.descriptor_file import StoredDescriptor, load_descriptor
 from ...io.dpm_file import is_dpm_file
 from ...io.files import distinct_stems, local_name, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
+from ...io.input_file import InputFile
 from ...io.pixels import MAX_BYTES
 from ...runtime.extras import extra
 from ...runtime.text import unicode_of
@@ -84,21 +83,14 @@ def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> lis
     return sorted((each.path for each in visible if Path(each.name).suffix.lower() in endings), key=natural_order)
 
 
-@contextmanager
-def stdin_as_file() -> Iterator[str]:
-    """The name of a temporary file that holds all of stdin; errors of the block name stdin instead."""
+def _read_stdin() -> InputFile:
     if sys.stdin.isatty():
         raise ValueError("-: expected a file on stdin, got a terminal")
-    with tempfile.TemporaryDirectory(prefix="nablahog-stdin-") as folder:  # Windows does not open a file twice
-        file = Path(folder, "stdin")
-        size = file.write_bytes(sys.stdin.buffer.read(MAX_BYTES + 1))
-        if not size or size > MAX_BYTES:
-            got = "nothing" if not size else "more"
-            raise ValueError(f"-: expected a file of 1 … {MAX_BYTES:,} bytes on stdin, got {got}")
-        try:
-            yield str(file)
-        except (ValueError, OSError) as error:
-            raise ValueError(str(error).replace(str(file), STDIN)) from None
+    content = sys.stdin.buffer.read(MAX_BYTES + 1)
+    if not 0 < len(content) <= MAX_BYTES:
+        got = "more" if content else "nothing"
+        raise ValueError(f"-: expected a file of 1 … {MAX_BYTES:,} bytes on stdin, got {got}")
+    return InputFile(STDIN, content)
 
 
 @dataclass(frozen=True)
@@ -196,8 +188,8 @@ def read_inputs(
     expanded.skipping.count += sum(map(len, data))
     reader = _Reader(arguments, spec_options, array_options)
 
-    def read(path: str, stem: str) -> list[Source]:
-        source = reader.read(path, stem)
+    def read(file: InputFile, stem: str) -> list[Source]:
+        source = reader.read(file, stem)
         check(source)
         return [source if keep_photos else replace(source, photo=None)]
 
@@ -210,13 +202,13 @@ def read_inputs(
     return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
-def read_each(expanded: Inputs, read: Callable[[str, str], list[Source]]) -> list[Source]:
-    """The sources of all files by ``read``, called with each path and its stem; skips files that it cannot read."""
+def read_each(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> list[Source]:
+    """The sources of all files by ``read``, called with each file and its stem; skips files that it cannot read."""
     stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     sources = []
     for path, stem in zip(expanded.paths, stems, strict=True):
         with expanded.skipping.each(path):
-            sources += read(path, stem)
+            sources += read(_read_stdin() if path == STDIN else InputFile(path), stem)
     expanded.skipping.check()
     return sources
 
@@ -241,42 +233,36 @@ class _Reader:
     arrays: int = 0
     shrunk: int = 0
 
-    def read(self, path: str, stem: str) -> Source:
-        if path == STDIN:
-            with stdin_as_file() as file:
-                return replace(self._read(file, stem), path=STDIN)
-        return self._read(path, stem)
-
-    def _read(self, path: str, stem: str) -> Source:
-        if self.array_options is not None and is_raw(path):
-            if is_dpm_file(path):
-                raise ValueError(f"{path}: expected a descriptor, got a detector: see `nablahog invert --template`")
+    def read(self, file: InputFile, stem: str) -> Source:
+        if self.array_options is not None and is_raw(file):
+            if is_dpm_file(file):
+                raise ValueError(f"{file}: expected a descriptor, got a detector: see `nablahog invert --template`")
             self.arrays += 1
-            return _from_stored(path, stem, self.array_options.read(path, self.spec_options))
-        if is_archive(path):
-            of_file = load_descriptor(path)
-            with naming(path):
-                self.spec_options.check(of_file.spec)
-            return _from_stored(path, stem, of_file)
+            return _from_stored(file.name, stem, self.array_options.read(file, self.spec_options))
+        if is_archive(file):
+            stored = load_descriptor(file)
+            with naming(file):
+                self.spec_options.check(stored.spec)
+            return _from_stored(file.name, stem, stored)
         size = SIZE if self.arguments.size is None else self.arguments.size
         try:
-            photo = read_image(path, size)
+            photo = read_image(file, size)
         except ValueError as error:
-            if self.array_options is None or Path(path).suffix.lower() in image_endings():
+            if self.array_options is None or file.ending in image_endings():
                 raise
             raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
-        shrunk = longer_side(path) > max(photo.shape)
+        shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and self.arguments.size is None
-        return from_photo(path, stem, photo, self.spec_options.spec(), size=size, shrunk=shrunk)
+        return from_photo(file.name, stem, photo, self.spec_options.spec(), size=size, shrunk=shrunk)
 
 
-def _from_stored(path: str, stem: str, of_file: StoredDescriptor) -> Source:
-    descriptor = of_file.descriptor.float()
+def _from_stored(path: str, stem: str, stored: StoredDescriptor) -> Source:
+    descriptor = stored.descriptor.float()
     if not torch.isfinite(descriptor).all():
         raise ValueError(
-            f"{path}: the descriptor must fit float32, got the largest magnitude {of_file.descriptor.abs().max():g}"
+            f"{path}: the descriptor must fit float32, got the largest magnitude {stored.descriptor.abs().max():g}"
         )
-    return Source(path, stem, descriptor, of_file.spec, of_file.image_size, None)
+    return Source(path, stem, descriptor, stored.spec, stored.image_size, None)
 
 
 def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, shrunk: bool = False) -> Source:

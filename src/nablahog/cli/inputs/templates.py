@@ -6,7 +6,6 @@ import math
 from argparse import Namespace
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from ...invert import template_descriptor
 from ...io.arrays import is_raw, naming, read_array
 from ...io.descriptor_file import Fit
 from ...io.dpm_file import is_dpm_file, load_dpm
-from ...io.files import check_file
+from ...io.input_file import InputFile, Readable, input_file
 from ..arguments.presets import SpecOptions
 from .arrays import ArrayOptions
 from .sources import Inputs, Source, expand, read_each
@@ -34,10 +33,10 @@ def read_template_inputs(arguments: Namespace) -> Inputs:
     spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
     expanded = expand(arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
 
-    def read(path: str, stem: str) -> list[Source]:
+    def read(file: InputFile, stem: str) -> list[Source]:
         return [
-            _signed(each, f"{stem}_{number}" if each.part else stem, sign)
-            for number, each in enumerate(read_templates(path, spec_options, array_options), start=1)
+            _signed(template, f"{stem}_{number}" if template.part else stem, sign)
+            for number, template in enumerate(read_templates(file, spec_options, array_options), start=1)
             for sign in SIGNS
         ]
 
@@ -52,48 +51,51 @@ def _signed(template: Source, stem: str, sign: str) -> Source:
     return replace(template, stem=f"{stem}_{sign}", descriptor=weights, part=part)
 
 
-def read_templates(path: str, spec_options: SpecOptions, array_options: ArrayOptions) -> list[Source]:
+def read_templates(path: Readable, spec_options: SpecOptions, array_options: ArrayOptions) -> list[Source]:
     """The templates in a file: weights in place of descriptors; of several, ``part`` says which one it is.
 
     It is a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved with its detector (.yml, .xml, .json, also
     .gz), or an array of weights (.npy, .npz, .mat) in the layout of its library; a bias after the weights is ignored.
     OpenCV's people detectors are recognised by their length.
     """
-    check_file(Path(path), "the weights of a detector")
-    if path.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
-        return [_of_opencv(path)]
-    if not is_raw(path):
+    file = input_file(path)
+    file.check("the weights of a detector")
+    if file.name.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
+        return [_from_opencv(file)]
+    if not is_raw(file):
         raise ValueError(
-            f"{path}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml, .json), "
+            f"{file}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml, .json), "
             "or an array of weights (.npy, .npz, .mat); save the weights of a dlib detector as one"
         )
-    if is_dpm_file(path):
-        model = load_dpm(path)
+    if is_dpm_file(file):
+        model = load_dpm(file)
         spec = presets.dpm(model.cell_size)
         return [
-            Source(path, "", each.weights, spec, spec.image_size(*each.weights.shape[:2]), None, each.name)
-            for each in model.filters
+            Source(file.name, "", part.weights, spec, spec.image_size(*part.weights.shape[:2]), None, part.name)
+            for part in model.filters
         ]
-    array = read_array(path, array_options.key)
-    with naming(path):
-        return [_of_array(path, array, spec_options, array_options)]
+    array = read_array(file, array_options.key)
+    with naming(file):
+        return [_from_array(file.name, array, spec_options, array_options)]
 
 
-def _of_opencv(path: str) -> Source:
+def _from_opencv(file: InputFile) -> Source:
     from ...compat.opencv import HOGDescriptor
 
     hog = HOGDescriptor()
-    hog.load(path)
+    hog.load(file)
     if not len(hog.svmDetector):
-        raise ValueError(f"{path}: expected a HOGDescriptor with the coefficients of its detector, got none")
+        raise ValueError(f"{file}: expected a HOGDescriptor with the coefficients of its detector, got none")
     width, height = hog.winSize
     descriptor = from_layout(
         torch.from_numpy(hog.svmDetector[: hog.getDescriptorSize()])[None], hog.spec, (height, width)
     )
-    return Source(path, "", descriptor[0].contiguous(), hog.spec, (height, width), None)
+    return Source(file.name, "", descriptor[0].contiguous(), hog.spec, (height, width), None)
 
 
-def _of_array(path: str, array: NDArray[np.floating], spec_options: SpecOptions, array_options: ArrayOptions) -> Source:
+def _from_array(
+    path: str, array: NDArray[np.floating], spec_options: SpecOptions, array_options: ArrayOptions
+) -> Source:
     if array.size == max(array.shape, default=0):
         array = array.reshape(-1)
     spec, how = _fit(array.shape, spec_options, array_options)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hog import HOGSpec, presets
+from ...io.input_file import InputFile
 from . import arguments, storage
 from .arguments import Size
 from .storage import people_detector
@@ -202,7 +203,7 @@ class Parameters:
             node["SVMDetector"] = self._detector
         storage.write(arguments.text("filename", filename), arguments.text("objname", objname or ""), node)
 
-    def load(self, filename: str | bytes | os.PathLike[str], objname: str = "") -> bool:
+    def load(self, filename: str | bytes | os.PathLike[str] | InputFile, objname: str = "") -> bool:
         """Reads parameters and detector from a file of :meth:`save`, here or of OpenCV.
 
         Without a detector in the file, the object keeps the one before, as in OpenCV.
@@ -219,13 +220,13 @@ class Parameters:
             ValueError: it is no such file, what it holds is out of range, or the detector that the object keeps is of
                 another length than its descriptors; the object is as before then.
         """
-        name = arguments.text("filename", filename)
-        node = storage.read(name, arguments.text("objname", objname or ""))
+        file = filename if isinstance(filename, InputFile) else InputFile(arguments.text("filename", filename))
+        node = storage.read(file, arguments.text("objname", objname or ""))
         try:
             loaded = type(self)(**{f"_{key}": _parameter(node, key) for key in _STORED if key in node})
             loaded.setSVMDetector(storage.floats(node, "SVMDetector") if "SVMDetector" in node else self._detector)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{name}: {error}") from None
+            raise ValueError(f"{file}: {error}") from None
         self.__dict__.clear()
         self.__dict__.update(loaded.__dict__)
         return True

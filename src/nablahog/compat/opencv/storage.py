@@ -26,7 +26,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from ...io.files import check_file, replacing
+from ...io.files import replacing
+from ...io.input_file import InputFile, Readable, input_file
 from ...runtime.text import one_line
 
 MAX_BYTES = 2**23  # of a file, unpacked: half a million coefficients, where a detector of people has four thousand
@@ -63,17 +64,17 @@ def default_name(stem: str) -> str:
     return "unnamed" if name == "_" else name
 
 
-def read(path: str | os.PathLike[str], name: str) -> Node:
+def read(path: Readable, name: str) -> Node:
     """The node of that name, or the first one; ValueError if there is none, or it is no HOGDescriptor."""
-    path = Path(path)
-    check_file(path, "a FileStorage of a HOGDescriptor")
+    file = input_file(path)
+    file.check("a FileStorage of a HOGDescriptor")
     try:
-        nodes = _nodes(_text(path))
+        nodes = _nodes(_text(file))
     except (ValueError, ElementTree.ParseError, RecursionError) as error:
-        raise ValueError(f"{path}: expected a FileStorage of OpenCV: {one_line(error)}") from None
+        raise ValueError(f"{file}: expected a FileStorage of OpenCV: {one_line(error)}") from None
     node = nodes.get(name) if name else next(iter(nodes.values()), None)
     if not isinstance(node, Mapping) or "winSize" not in node:
-        raise ValueError(f"{path}: expected a HOGDescriptor{f' named {one_line(name)!r}' if name else ''}, got none")
+        raise ValueError(f"{file}: expected a HOGDescriptor{f' named {one_line(name)!r}' if name else ''}, got none")
     return node
 
 
@@ -109,9 +110,8 @@ def _words(text: str) -> list[str]:
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def _text(path: Path) -> str:
-    with path.open("rb") as file:
-        data = file.read(MAX_BYTES + 1)
+def _text(file: InputFile) -> str:
+    data = file.read(MAX_BYTES + 1)
     if data[:2] == b"\x1f\x8b":
         try:
             data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_BYTES + 1)
