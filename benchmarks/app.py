@@ -89,7 +89,7 @@ document.querySelector("#invert-start").click();
 PHOTO = b"\x89PNG\r\n\x1a\n" + bytes(400_000)
 SCENE = {"photo": "scene-chair", "mesh": "chair-wooden-0"}
 LONG: dict[str, dict[str, Any]] = {
-    "/api/invert": {"photo": "sample-astronaut", "size": 512, "method": "no-prior"},
+    "/api/invert": {"photo": "sample-astronaut", "size": 512, "prior": "none"},
     "/api/pose": {**SCENE, "method": "paper"},
     "/api/hog": {"photo": "sample-astronaut", "size": 1024},
 }
@@ -119,7 +119,7 @@ def measure(page: Page, repeats: int) -> None:
     said("drop of a 512² photograph to glyphs", drops, "ms", "100")
     sizes = timed(page, "#glyphs", "data-key", ENTER, [6 + k % 9 for k in range(repeats)])
     said("slider to new glyphs", sizes, "ms", "50")
-    page.open("#/invert?photo=sample-astronaut&preset=uoctti&size=256&method=prior")
+    page.open("#/invert?photo=sample-astronaut&preset=uoctti&size=256")
     page.idle()
     first, rates = [], []
     for _ in range(min(repeats, 5)):
@@ -210,7 +210,7 @@ async def idle(server: Server) -> float:
 async def visit(server: Server, number: int) -> str:
     """What somebody does: looks, inverts, turns a chair."""
     await server.post("/api/hog", {"photo": "sample-camera", "size": 256})
-    asked = {"photo": "sample-camera", "size": 64, "quality": "fast", "seed": number, "method": "no-prior"}
+    asked = {"photo": "sample-camera", "size": 64, "quality": "fast", "seed": number, "prior": "none"}
     answer = await server.post("/api/invert", asked)
     async with websockets.connect(f"ws://127.0.0.1:{server.port}/api/fit", max_size=2**24) as connection:
         await connection.send(json.dumps({"type": "open", **SCENE}))

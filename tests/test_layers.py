@@ -33,6 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
 MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"nablahog"}
+MAY_IMPORT["requests"] = {"hog", "invert", "io", "pose", "runtime"}  # what front ends can be asked
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog"}  # the page reads and says what the command does
 MAY_IMPORT["__main__"] = {"cli"}

@@ -14,7 +14,8 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
-from nablahog.cli.arguments import options
+from nablahog import requests
+from nablahog.cli import arguments
 from nablahog.cli.main import parser
 
 WIDTH = 72  # of the usage, in characters
@@ -24,7 +25,8 @@ class CommandLine(SphinxDirective):
     """A section for each command, with its usage, its arguments and its options."""
 
     def run(self) -> list[nodes.Node]:
-        for source in (*Path(options.__file__).parent.glob("*.py"), Path(__file__)):
+        folders = [Path(module.__file__).parent for module in (arguments, requests)]
+        for source in (*(file for folder in folders for file in folder.glob("*.py")), Path(__file__)):
             self.env.note_dependency(str(source))
         os.environ["COLUMNS"] = str(WIDTH)  # where argparse looks for it
         section = nodes.section()

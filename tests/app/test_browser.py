@@ -139,7 +139,7 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
 
 @in_a_browser
 def test_invert(page: Page) -> None:
-    page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&method=no-prior")
+    page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&prior=none")
     page.read("document.querySelector('#invert-start').focus()")
     page.click("#invert-start")
     page.until("document.querySelector('#preimage').dataset.state === 'done'")

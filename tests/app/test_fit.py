@@ -85,7 +85,7 @@ def test_it_is_stopped(client: TestClient) -> None:
     [
         ("x", "expected JSON: "),
         ('{"type": "turn"}', "the request does not fit: Invalid value 'turn'"),
-        ('{"type": "pose", "n": 1, "pose": [1]}', "the request does not fit: Expected `array` of length >= 6"),
+        ('{"type": "pose", "n": 1, "pose": [1]}', "the request does not fit: Expected `array` of length 6"),
         ('{"type": "fit"}', "expected a photograph and a model first"),
         ('{"type": "open", "photo": "a", "mesh": "b"}', "the server no longer has this file"),
         (

@@ -14,7 +14,7 @@ from .conftest import HOST
 
 JSON: dict[str, dict[str, Any]] = {
     "/api/hog": {"photo": "sample-camera", "preset": "uoctti", "settings": {"cell_size": "16"}, "size": 64},
-    "/api/invert": {"photo": "sample-camera", "preset": "paper", "size": 32, "quality": "fast", "method": "no-prior"},
+    "/api/invert": {"photo": "sample-camera", "preset": "paper", "size": 32, "quality": "fast", "prior": "none"},
     "/api/pose": {"photo": "scene-chair", "mesh": "chair-wooden-0", "box": [0, 0, 100, 100], "initial": [0, 20]},
 }
 UPLOADS = ["/api/photos?name=a.png", "/api/descriptors?name=a.npy&preset=uoctti", "/api/meshes?name=a.off"]

@@ -14,7 +14,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog.app.invert import invert
-from nablahog.app.requests import InvertRequest
+from nablahog.app.requests import InvertMessage
 from nablahog.app.store import Store
 from nablahog.app.work_queue import Cancelled, CancelToken
 
@@ -22,7 +22,8 @@ Event = tuple[str, dict[str, Any]]
 
 
 def events(client: TestClient, **asked: object) -> list[Event]:
-    answer = client.post("/api/invert", json={"quality": "fast", **asked})
+    fast = {} if asked.get("method") == "paper" else {"quality": "fast"}
+    answer = client.post("/api/invert", json={**fast, **asked})
     assert answer.status_code == 200, answer.text
     return [read(block) for block in answer.text.strip().split("\n\n")]
 
@@ -37,10 +38,11 @@ def picture(text: str) -> Image.Image:
 
 
 @pytest.mark.parametrize(
-    ("preset", "method"), [("paper", "paper"), ("paper", "prior"), ("uoctti", "prior"), ("uoctti", "no-prior")]
+    ("preset", "asked"),
+    [("paper", {"method": "paper"}), ("paper", {}), ("uoctti", {}), ("uoctti", {"prior": "none"})],
 )
-def test_it_grows(client: TestClient, photo: str, preset: str, method: str) -> None:
-    made = events(client, photo=photo, preset=preset, method=method)
+def test_it_grows(client: TestClient, photo: str, preset: str, asked: dict[str, str]) -> None:
+    made = events(client, photo=photo, preset=preset, **asked)
     names = [name for name, _ in made]
     assert names[:2] == ["queued", "start"]
     assert names[-1] == "done"
@@ -50,14 +52,14 @@ def test_it_grows(client: TestClient, photo: str, preset: str, method: str) -> N
     assert all(picture(frame["image"]).size == (48, 64) for name, frame in made if name == "frame")
     assert picture(done["image"]).size == (48, 64)
     assert all(-1 <= done[name] <= 1 for name in ("cc", "ssim"))
-    assert (done["polarity"] is None) == (preset == "uoctti" or method != "prior")
+    assert (done["polarity"] is None) == (preset == "uoctti" or asked != {})
     assert 0 < len(done["history"]) <= 200
     assert "distance" in done["definitions"]
 
 
 def test_going_on(client: TestClient, photo: str) -> None:
-    done = events(client, photo=photo, method="no-prior")[-1][1]
-    again = events(client, photo=photo, method="no-prior", start=done["id"], seed=1)[-1]
+    done = events(client, photo=photo, prior="none")[-1][1]
+    again = events(client, photo=photo, prior="none", start=done["id"], seed=1)[-1]
     assert again[0] == "done"
     name, refused = events(client, photo=photo, start="sample-camera")[-1]
     assert (name, refused["error"]) == ("error", "an image to continue from must have 64x48 pixels, got 512x512")
@@ -77,7 +79,7 @@ def test_a_template(client: TestClient) -> None:
     np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
     of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
     kind, done = events(client, descriptor=of["id"], seed=3)[-1]
-    command = "nablahog invert w.npy --template -o out --preset uoctti --seed 3"
+    command = "nablahog invert w.npy -o out --preset uoctti --template --seed 3"
     assert (kind, done["lines"]["command"]) == ("done", command)
     assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["lines"]["python"]
 
@@ -99,5 +101,5 @@ def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
             cancel.cancel()
 
     with pytest.raises(Cancelled):
-        invert(InvertRequest(photo=key, method="no-prior"), store, send, cancel)
+        invert(InvertMessage(photo=key, prior="none"), store, send, cancel)
     assert seen.is_set()

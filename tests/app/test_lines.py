@@ -56,16 +56,16 @@ def test_of_a_photograph(client: TestClient, tmp_path: Path, photo_file: bytes, 
     np.testing.assert_allclose(names["descriptor"], expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("method", ["prior", "no-prior"])
-def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes, method: str, run: Run) -> None:
+@pytest.mark.parametrize("prior", ["default", "none"])
+def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes, prior: str, run: Run) -> None:
     (tmp_path / NAMES[0]).write_bytes(photo_file)
     of = client.post("/api/photos", params={"name": NAMES[0]}, content=photo_file).json()["id"]
-    done = events(client, photo=of, preset="uoctti", method=method, seed=2)[-1][1]
+    done = events(client, photo=of, preset="uoctti", prior=prior, seed=2)[-1][1]
     names = run(done["lines"])
     assert float(names["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
     (written,) = json.loads(Path("out/results.json").read_text(encoding="utf-8"))
     assert written["distance"] == pytest.approx(done["distance"], abs=1e-3)
-    again = events(client, photo=of, method=method, start=done["id"])[-1][1]
+    again = events(client, photo=of, prior=prior, start=done["id"])[-1][1]
     assert again["lines"]["command"].startswith("# from the beginning")
 
 

@@ -12,9 +12,10 @@ import torch
 
 from nablahog.app import server
 from nablahog.app.lines import FitFiles, for_pose
-from nablahog.app.requests import PoseRequest, RequestError
+from nablahog.app.requests import RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
+from nablahog.requests.pose import PoseRequest
 
 
 def photograph(side: int) -> Photograph:
@@ -89,6 +90,6 @@ def test_there_is_no_circle_among_the_scripts() -> None:
 
 
 def test_lines_for_a_pose_have_its_seed() -> None:
-    lines = for_pose(PoseRequest("photo", "mesh", seed=5), FitFiles("photo.png", False, "chair.obj"))
+    lines = for_pose(PoseRequest(seed=5), FitFiles("photo.png", False, "chair.obj"))
     assert "seed=5" in lines["python"]
     assert lines["command"].endswith("--seed 5")

@@ -55,10 +55,10 @@ def test_results_say_what_was_skipped_and_why(
 ) -> None:
     real = invert.invert_batch
 
-    def second_fails(sources: Sequence[Source], **options: Any) -> Any:
+    def second_fails(sources: Sequence[Source], *asked: Any, **options: Any) -> Any:
         if any(source.stem == "1" for source in sources):
             raise ValueError("it cannot be inverted")
-        return real(sources, **options)
+        return real(sources, *asked, **options)
 
     monkeypatch.setattr(invert, "invert_batch", second_fails)  # in a batch with the others
     out, missing = tmp_path / "out", str(tmp_path / "missing.png")

@@ -16,8 +16,6 @@ from typing import Any, NamedTuple
 import scipy.spatial  # noqa: F401  else the first that needs it pays for it
 
 from nablahog import HOGSpec
-from nablahog.cli.arguments.presets import SpecOptions
-from nablahog.cli.inputs.arrays import ArrayOptions
 from nablahog.cli.inputs.templates import read_templates
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import is_raw
@@ -30,6 +28,8 @@ from nablahog.paper.pascal3d import read_record
 from nablahog.paper.voc import read_annotation, read_image_ids
 from nablahog.pose.whitening import Background
 from nablahog.render import load_mesh
+from nablahog.requests.arrays import read_stored
+from nablahog.requests.inversion import GlyphRequest
 
 SPARE = 3 * 2**30  # bytes of addresses beyond those at the start: above any limit, and the machine survives
 PATIENCE = 30.0  # seconds on the clock, after which a reader waits for something that never comes
@@ -38,7 +38,7 @@ START = 300.0  # seconds until it has imported everything
 
 def _descriptor(path: Path) -> object:
     """As the command reads an input."""
-    return ArrayOptions().read(str(path), SpecOptions("uoctti")) if is_raw(path) else load_descriptor(path)
+    return read_stored(str(path), GlyphRequest(preset="uoctti")) if is_raw(path) else load_descriptor(path)
 
 
 def _image_ids(path: Path) -> object:
@@ -51,7 +51,7 @@ def _image_ids(path: Path) -> object:
 READERS: dict[str, Callable[[Path], object]] = {
     "image": read_image,
     "descriptor": _descriptor,
-    "template": lambda path: read_templates(str(path), SpecOptions(), ArrayOptions()),
+    "template": lambda path: read_templates(str(path), GlyphRequest()),
     "mesh": load_mesh,
     "record": read_record,
     "viewpoints": read_viewpoints,

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.cli.arguments.presets import PRESETS, make_spec
 from nablahog.io.descriptor_file import Fit, StoredDescriptor, fit, load_descriptor, save_descriptor, stored
+from nablahog.requests.dialect import PRESETS, make_spec
 
 SIZE = (40, 29)
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.metadata import version
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ..cli.arguments.presets import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..hog import HOGSpec
 from ..hog.presets import BY_NAME
 from ..invert.histograms import searchable
 from ..paper.learned import shipped_files
-from ..pose.options import SearchMethod
+from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
+from ..requests.options import Option, options_of
 from .access import MOST_BYTES
-from .requests import INVERT_SIZE, SEE_SIZE, Method
+from .requests import INVERT_SIZE, SEE_SIZE, Fit, HogMessage, InvertMessage
 from .store import MeshEntry, Photograph, Store
 
 KINDS = {int: "integer", float: "number", bool: "boolean", tuple: "pair"}
@@ -22,6 +23,8 @@ RANGES = {
     **dict.fromkeys(("bins", "orientations", "nbins"), (3, 36)),
 }
 """Ranges of sliders; other values can be typed."""
+WITH_A_CONTROL_OF_THEIR_OWN = ("preset", "settings", "box", "initial", "focal")
+"""Fields of requests for which the page has more than a control."""
 
 
 def about(store: Store) -> dict[str, Any]:
@@ -46,9 +49,14 @@ def about(store: Store) -> dict[str, Any]:
         "meshes": [{"id": key, "name": each.name} for key, each in store.pinned(MeshEntry).items()],
         "priors": {"signed": "prior" in shipped, "unsigned": "unsigned-prior" in shipped},
         "limits": {"upload_bytes": MOST_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
-        "methods": list(get_args(Method)),
-        "qualities": ["best", "fast"],
-        "pose_methods": list(get_args(SearchMethod)),
+        "options": {
+            view: [
+                _option(each)
+                for each in options_of(message)
+                if each.on_page and each.name not in WITH_A_CONTROL_OF_THEIR_OWN
+            ]
+            for view, message in (("see", HogMessage), ("invert", InvertMessage), ("fit", Fit))
+        },
     }
 
 
@@ -63,15 +71,30 @@ def _preset(name: str, spec: HOGSpec) -> dict[str, Any]:
 
 
 def _parameter(name: str, hint: Any, default: object) -> dict[str, Any]:
+    """The control of a parameter of a preset."""
+    control = _control(name, hint, as_text(default))
+    least, most = RANGES.get(name, (None, None)) if control["kind"] == "integer" else (None, None)
+    return {**control, "least": least, "most": most, "slider": least is not None}
+
+
+def _option(option: Option) -> dict[str, Any]:
+    """The control of a request's field."""
+    label, kind = option.name.replace("_", " ").capitalize(), option.kind
+    control = _control(option.name, option.hint, as_text(option.default), option.page_choices)
+    return {**control, "label": label, "help": option.help, "least": kind.least, "most": kind.most}
+
+
+def _control(name: str, hint: Any, default: str, choices: Sequence[str] = ()) -> dict[str, Any]:
     kinds = get_args(hint) if get_origin(hint) in (UnionType, Union) else (hint,)
     kind = next(each for each in kinds if each is not NoneType)
-    least, most = RANGES.get(name, (None, None)) if kind is int else (None, None)
+    choices = [*choices] or (list(map(str, get_args(kind))) if get_origin(kind) is Literal else [])
     return {
         "name": name,
-        "kind": "choice" if get_origin(kind) is Literal else KINDS[get_origin(kind) or kind],
-        "default": as_text(default),
-        "choices": list(map(str, get_args(kind))) if get_origin(kind) is Literal else None,
+        "label": name,
+        "help": "",
+        "kind": "choice" if choices else KINDS[get_origin(kind) or kind],
+        "default": default,
+        "choices": choices or None,
         "optional": NoneType in kinds,
-        "least": least,
-        "most": most,
+        "slider": False,
     }

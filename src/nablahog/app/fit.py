@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,11 +22,12 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
 from ..pose.similarity import Similarity
 from ..render import silhouette
+from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
 from .answers import encoded, glyphs, png
 from .lines import FitFiles, for_pose
-from .requests import Fit, Open, PoseRequest, RequestError, as_request_error
-from .store import MeshEntry, Photograph, Store
+from .requests import Open, Pose, PoseMessage, RequestError, as_request_error
+from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
@@ -48,7 +49,7 @@ class Fitting:
     crop: ObjectCrop
 
     @classmethod
-    def of(cls, request: Open | PoseRequest, store: Store) -> Fitting:
+    def of(cls, request: Open | PoseMessage, store: Store) -> Fitting:
         """The photograph's object and the model that a request names."""
         photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
@@ -86,7 +87,7 @@ class Fitting:
             "image": encoded(png(crop.image[0])),
         }
 
-    def view(self, n: int, pose: list[float], place: bool) -> dict[str, Any]:
+    def view(self, n: int, pose: Pose, place: bool) -> dict[str, Any]:
         """The rendering at a pose, its glyphs, its similarity and the derivative of that."""
         began = time.perf_counter()
         with as_request_error():
@@ -110,14 +111,14 @@ class Fitting:
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
 
-    def _poses(self, pose: list[float], place: bool) -> Tensor:
+    def _poses(self, pose: Pose, place: bool) -> Tensor:
         """(1, 6), within what can be rendered."""
         azimuth, elevation, distance, theta, x, y = pose
         made = torch.tensor([[azimuth % 360, min(max(elevation, -90), 90), distance, theta, x, y]], dtype=torch.float64)
         made[:, 2] = made[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
         return fit_to_box(made, self.prepared.hull, self.crop.camera, self.crop.size) if place else made
 
-    def around(self, pose: list[float]) -> tuple[Tensor, ...]:
+    def around(self, pose: Pose) -> tuple[Tensor, ...]:
         """Poses (N, 6) at azimuths all around, some at a time."""
         start = self._poses(pose, False)[0].clone()
         start[0] = 0
@@ -137,10 +138,9 @@ class Fitting:
 
     def fit(
         self,
-        request: Fit | PoseRequest,
+        request: PoseRequest,
         send: Callable[[dict[str, Any]], None],
         cancel: CancelToken,
-        initial: tuple[float, float] | None,
     ) -> PoseEstimate:
         """The pose that the search finds; poses on the way are sent as they come."""
 
@@ -157,29 +157,25 @@ class Fitting:
             return estimate_pose(
                 self.photograph.image,
                 {self.model.name: self.model.mesh},
-                box=self.box,
-                initial=initial,
-                focal=self.focal,
-                method=request.method,
-                seed=request.seed,
+                **self._whole(request).keywords(),
                 progress=progress,
                 watch=watch,
             )
 
-    def figures(self, estimate: PoseEstimate, request: Fit | PoseRequest) -> dict[str, Any]:
+    def _whole(self, request: PoseRequest) -> PoseRequest:
+        """The request, with box and focal length of the scene."""
+        return replace(request, box=(*self.box,), focal=self.focal)
+
+    def figures(self, estimate: PoseEstimate, request: PoseRequest) -> dict[str, Any]:
         """The figures of a pose, with what was asked for."""
         settings = {"mesh": self.model.name, "method": request.method, "seed": request.seed}
         return {"photograph": self.photograph.name, **pose_figures(estimate), "settings": settings}
 
-    def fitted(
-        self, estimate: PoseEstimate, request: Fit, initial: tuple[float, float] | None, photo: str, mesh: str
-    ) -> dict[str, Any]:
-        """The message that ends a search."""
-        here = None if initial is None else list(initial)
-        same = PoseRequest(photo, mesh, list(self.box), request.method, here, request.seed, self.focal)
-        files = FitFiles(
-            self.photograph.name, self.photograph.focal is not None, self.model.name, self.model.up, self.model.front
-        )
+    def fitted(self, estimate: PoseEstimate, request: PoseRequest, mesh: str) -> dict[str, Any]:
+        """The message that ends a search for the mesh with this id."""
+        photo, model = self.photograph, self.model
+        chair = model.name if mesh == f"{CHAIR}{model.name}" else None
+        files = FitFiles(photo.name, photo.focal is not None, model.name, model.up, model.front, chair)
         return {
             "type": "fitted",
             "pose": _rounded(estimate.crop_pose),
@@ -187,7 +183,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": encoded(png(self._overlay(estimate))),
             "warning": warning(estimate),
-            "lines": for_pose(same, files),
+            "lines": for_pose(self._whole(request), files),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

@@ -11,20 +11,20 @@ import torch
 from torch import Tensor
 
 from .. import metrics
-from ..cli.results.inversion import MEASURES, SURE, PriorOptions
+from ..cli.results.inversion import MEASURES, SURE
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
-from ..invert import AsPublished, Iterate, Reconstruction, Search, reconstruct
+from ..invert import Iterate, Reconstruction, reconstruct
 from ..invert.arguments import quality_of
 from ..invert.histograms import recover_histograms, searchable, starting_images
-from ..invert.learned import PriorChoice
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
+from ..requests.inversion import NO_PRIOR, InvertRequest
 from .answers import encoded, png
-from .lines import for_inversion, for_template
-from .requests import INVERT_SIZE, InvertRequest, RequestError, as_request_error
+from .lines import for_inversion
+from .requests import INVERT_SIZE, InvertMessage, RequestError, as_request_error
 from .see import requested_descriptor
-from .store import Photograph, Store
+from .store import DescriptorEntry, Photograph, Store
 from .work_queue import CancelToken
 
 PAUSE = 0.07  # seconds between frames, at least
@@ -33,7 +33,7 @@ POINTS = 200  # on the curve of distances
 Send = Callable[[str, dict[str, Any]], None]
 
 
-def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken) -> None:
+def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken) -> None:
     """Searches the image, sends the events ``start``, ``frame`` and ``done``, and puts the result into the store."""
     of = requested_descriptor(request, store)
     source = of.source
@@ -73,34 +73,33 @@ def invert(request: InvertRequest, store: Store, send: Send, cancel: CancelToken
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
             "history": _thinned(result.history[:, 0]),
-            "lines": for_template(request, of.reading)
-            if of.reading and of.template
-            else for_inversion(request, of.reading or source.path),
+            "lines": _lines(request, of),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
     )
 
 
 def _searched(
-    request: InvertRequest, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
+    request: InvertMessage, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
 ) -> Reconstruction:
     start = None if request.start is None else _start(store, request.start, size)
     if start is None and searchable(spec).signed:
         watch(at_start(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
-    if request.method == "paper":
-        return reconstruct(descriptor, spec, size, method=AsPublished(), seed=request.seed, start=start, watch=watch)
-    prior: PriorChoice = PriorOptions(None, request.method == "prior").for_spec(spec)
-    return reconstruct(
-        descriptor,
-        spec,
-        size,
-        quality=request.quality,
-        seed=request.seed,
-        start=start,
-        prior=prior,
-        search=Search(),
-        watch=watch,
-    )
+    try:
+        prior = request.priors_for(spec)
+    except FileNotFoundError:  # the package was installed without its priors, as the page says
+        prior = None
+    return reconstruct(descriptor, spec, size, **{**request.keywords(), "prior": prior}, start=start, watch=watch)
+
+
+def _lines(request: InvertMessage, of: DescriptorEntry) -> dict[str, str]:
+    if of.template:
+        return for_inversion(InvertRequest(template=True, seed=request.seed), of.reading or of.source.path)
+    lines = for_inversion(request, of.reading or of.source.path)
+    if request.start is not None:
+        begins = "# from the beginning, not from the image that the page continued from"
+        lines = {name: f"{begins}\n{text}" for name, text in lines.items()}
+    return lines
 
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
@@ -124,13 +123,13 @@ class _Watch:
     """
 
     def __init__(
-        self, request: InvertRequest, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
+        self, request: InvertMessage, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
     ) -> None:
         self.reference, self.send, self.cancel = reference, send, cancel
         effort = quality_of(request.quality)
-        signed = {"prior": effort.with_prior, "no-prior": effort.evaluations}
-        by_method = signed if spec.signed else dict.fromkeys(signed, effort.without_samples)
-        self.most = by_method.get(request.method)  # None for the paper's
+        signed = effort.evaluations if request.prior == NO_PRIOR else effort.with_prior
+        most = signed if spec.signed else effort.without_samples
+        self.most = None if request.method == "paper" else most
         self._sent = -math.inf
 
     def __call__(self, iterate: Iterate) -> None:

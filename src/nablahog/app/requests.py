@@ -2,42 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, Literal, TypeVar
+from dataclasses import dataclass
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct
 
-from ..cli.arguments.presets import PRESETS, SpecOptions
-from ..cli.errors import MOST_CHARACTERS
-from ..hog import HOGSpec
-from ..invert.choices import QualityName
-from ..pose.options import SearchMethod
+from ..requests.inversion import HogRequest, InvertRequest
+from ..requests.kinds import integer, number
+from ..requests.options import option, options_of
+from ..requests.pose import PoseRequest, Sides
+from ..runtime.errors import InputError
 from ..runtime.text import one_line
 
+MOST_CHARACTERS = 900  # of a sentence
 GONE = "the server no longer has this file, as after a restart: open it again"
-_OPTIONS = (
-    ("(; this fits|; its shape fits|; by the error of|: expected --preset) .*", ""),
-    (": expected --image-size HxW", ": enter the size of the image"),
-    ("expected one array or --key NAME", "expected one array"),
-    ("expected one descriptor in a file, got .*", r"\g<0>; save one of them in a file of its own"),
-    ("--key goes with", "a name of an array goes with"),
-    ("--image-size (\\S+)", "the image size \\1"),
-    ("--set (?=\\w)|--set: ", ""),
-)
-"""Options of the command in sentences that it shares with the page, and what the page says in their place."""
+_REMEDIES = {"image size": ": enter the size of the image"}
+"""What a reader can do on the page, by what an error is about."""
 logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
-
-
-def _for_the_page(sentence: str) -> str:
-    """A sentence without the options of the command."""
-    for option, said in _OPTIONS:
-        sentence = re.sub(option, said, sentence)
-    return sentence
+LARGEST_INTEGER, LARGEST_NUMBER = 2**53, 1e6
+LONGEST_TEXT, MOST_SETTINGS = 200, 32
 
 
 class RequestError(Exception):
@@ -46,7 +37,7 @@ class RequestError(Exception):
     def __init__(self, status: int, sentence: str, **more: Any) -> None:
         super().__init__(sentence)
         self.status = status
-        self.answer: dict[str, Any] = {"error": one_line(_for_the_page(sentence), MOST_CHARACTERS), **more}
+        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_CHARACTERS), **more}
 
 
 @contextmanager
@@ -56,12 +47,31 @@ def as_request_error() -> Iterator[None]:
         yield
     except RequestError:
         raise
+    except InputError as error:
+        sentence = f"{error}{_REMEDIES.get(error.about, '')}"
+        raise RequestError(422, sentence, **_question(error.facts)) from None
     except (ValueError, TypeError, OSError) as error:
         raise RequestError(422, str(error)) from None
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise
         raise RequestError(503, "not enough memory: a smaller size needs less") from None
+
+
+def _question(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What the page asks about a file: which of its arrays, or of which preset that fits, the likeliest first."""
+    if not facts:
+        return {}
+    fitting = [each.request for each in facts.get("fitting", ()) if not each.is_detector]
+    return {
+        "question": {
+            "keys": facts.get("keys"),
+            "shape": facts.get("shape"),
+            "fitting": [
+                {"preset": each.preset, "settings": each.settings, "image_size": each.image_size} for each in fitting
+            ],
+        }
+    }
 
 
 def as_answer(error: Exception) -> RequestError:
@@ -72,114 +82,141 @@ def as_answer(error: Exception) -> RequestError:
     return RequestError(500, f"an error in the program, please report it: {type(error).__name__}: {one_line(error)}")
 
 
-Name = Annotated[str, Meta(max_length=64)]
-Text = Annotated[str, Meta(max_length=200)]
-Id = Annotated[str, Meta(min_length=1, max_length=64)]
-Seed = Annotated[int, Meta(ge=0, le=2**31 - 1)]
-Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Pose = Annotated[list[Number], Meta(min_length=6, max_length=6)]
-Box = Annotated[list[Number], Meta(min_length=4, max_length=4)]
-Settings = Annotated[dict[Name, Text], Meta(max_length=32)]
-Method = Literal["prior", "no-prior", "paper"]
+Pose: TypeAlias = tuple[float, float, float, float, float, float]
 
 
-class Dialect(Struct, forbid_unknown_fields=True):
-    """A preset with its parameters, as texts of the command line."""
-
-    preset: Name = "uoctti"
-    settings: Settings = field(default_factory=dict)
-
-    def spec(self) -> HOGSpec:
-        """The spec; RequestError if there is no such preset or parameter, or its value is out of range."""
-        return spec_options(self.preset, self.settings).spec()
-
-
-def spec_options(preset: str | None, settings: dict[str, str]) -> SpecOptions:
-    """The same as options of the command line; without a preset, none."""
-    if preset is not None and preset not in PRESETS:
-        raise RequestError(422, f"there is no preset {preset!r}; there are {', '.join(PRESETS)}")
-    with as_request_error():
-        return SpecOptions(preset, settings=tuple(settings.items()))
-
-
-class HogRequest(Dialect):
+@dataclass(frozen=True, kw_only=True)
+class HogMessage(HogRequest):
     """The descriptor of a photograph, or one that was uploaded."""
 
-    photo: Id | None = None
-    descriptor: Id | None = None
-    size: Annotated[int, Meta(ge=8, le=SEE_SIZE)] = 512
+    photo: str | None = None
+    descriptor: str | None = None
+    size: int = option(512, "pixels on the longer side", integer(8, SEE_SIZE), on_page=True)
 
 
-class InvertRequest(Dialect):
+@dataclass(frozen=True, kw_only=True)
+class InvertMessage(InvertRequest):
     """An image with the descriptor of a photograph, or with one that was uploaded."""
 
-    photo: Id | None = None
-    descriptor: Id | None = None
-    size: Annotated[int, Meta(ge=8, le=INVERT_SIZE)] = 256
-    method: Method = "prior"
-    quality: QualityName = "best"
-    seed: Seed = 0
-    start: Id | None = None
+    photo: str | None = None
+    descriptor: str | None = None
+    start: str | None = None
+    size: int = option(256, "pixels on the longer side", integer(8, INVERT_SIZE), on_page=True)
 
 
-class PoseRequest(Struct, forbid_unknown_fields=True):
+@dataclass(frozen=True, kw_only=True)
+class PoseMessage(PoseRequest):
     """The pose of the object in a box of a photograph."""
 
-    photo: Id
-    mesh: Id
-    box: Box | None = None
-    method: SearchMethod = "best"
-    initial: Annotated[list[Number], Meta(min_length=2, max_length=2)] | None = None
-    seed: Seed = 0
-    focal: Number | None = None
+    photo: str
+    mesh: str = dataclasses.field()  # an id
+    focal: float | None = option(None, "focal length, pixels", number("", "", 0, above=True), on_page=True)
 
 
-class Open(Struct, forbid_unknown_fields=True, tag="open"):
+@dataclass(frozen=True, kw_only=True)
+class Open:
     """A photograph's object and a mesh, to be turned; with the focal length of the camera in pixels, if it is known."""
 
-    photo: Id
-    mesh: Id
-    box: Box | None = None
-    focal: Number | None = None
+    photo: str
+    mesh: str
+    box: Sides | None = None
+    focal: float | None = None
 
 
-class Turn(Struct, forbid_unknown_fields=True, tag="pose"):
+@dataclass(frozen=True, kw_only=True)
+class Turn:
     """A pose to render; with ``place`` the model is moved until it fills the box."""
 
-    n: Annotated[int, Meta(ge=0, le=2**53)]
+    n: int
     pose: Pose
     place: bool = False
 
 
-class Curve(Struct, forbid_unknown_fields=True, tag="curve"):
+@dataclass(frozen=True, kw_only=True)
+class Curve:
     """The similarity over all azimuths, with the other parameters of a pose."""
 
     pose: Pose
 
 
-class Fit(Struct, forbid_unknown_fields=True, tag="fit"):
-    """The search for a pose; it begins at ``pose`` if ``from_here``."""
+@dataclass(frozen=True, kw_only=True)
+class Fit(PoseRequest):
+    """The search for the pose in the box that was opened, with its focal length."""
 
-    method: SearchMethod = "best"
-    seed: Seed = 0
-    from_here: bool = False
-    pose: Pose | None = None
+    box: None = None
+    focal: None = None
 
 
-class Stop(Struct, forbid_unknown_fields=True, tag="stop"):
+@dataclass(frozen=True, kw_only=True)
+class Stop:
     """Ends a curve or a search."""
 
 
-FitMessage = Open | Turn | Curve | Fit | Stop
-Decoded = TypeVar("Decoded")
+FitMessage: TypeAlias = Open | Turn | Curve | Fit | Stop
+FIT_MESSAGES: dict[str, type[FitMessage]] = {"open": Open, "pose": Turn, "curve": Curve, "fit": Fit, "stop": Stop}
+Message = TypeVar("Message")
 
 
-def decoded(data: bytes | str, kind: type[Decoded] | Any) -> Decoded:
-    """JSON as a request; the sentence of a RequestError says what was expected where."""
+def decoded(data: bytes | str, message: type[Message]) -> Message:
+    """JSON as a message; the sentence of a RequestError says what was expected where."""
+    return _as_message(from_json(data, _struct(message)), message)  # type: ignore[arg-type]
+
+
+def decoded_fit_message(data: str) -> FitMessage:
+    """The same for one of :data:`FIT_MESSAGES`, whose ``type`` says which."""
+    structs = tuple(_struct(message, tag) for tag, message in FIT_MESSAGES.items())  # type: ignore[arg-type]
+    struct = from_json(data, Union[structs])  # noqa: UP007
+    return _as_message(struct, FIT_MESSAGES[struct.__struct_config__.tag])
+
+
+def from_json(data: bytes | str, kind: Any) -> Any:
+    """JSON as a type of msgspec."""
     try:
-        request: Decoded = msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:
         raise RequestError(422, f"the request does not fit: {error}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RequestError(400, f"expected JSON: {error}") from None
-    return request
+
+
+def _as_message(struct: Any, message: type[Message]) -> Message:
+    with as_request_error():
+        return message(**{name: getattr(struct, name) for name in struct.__struct_fields__})
+
+
+@cache
+def _struct(message: type, tag: str | None = None) -> type[Struct]:
+    """The type of a message in JSON: the fields of its request that the page has, in their ranges, and its own."""
+    options, hints = {each.name: each for each in options_of(message)}, get_type_hints(message)
+    fields: list[Any] = []
+    for field in dataclasses.fields(message):
+        about = options.get(field.name)
+        if about is None:
+            kind, default = _bounded(hints[field.name]), field.default
+        elif about.on_page:
+            least, most = about.kind.least, about.kind.most
+            kind, default = _bounded(about.hint, least, most, above=about.kind.above), about.default
+            kind = Literal[about.page_choices] if about.page_choices and about.hint is str else kind
+        else:
+            continue
+        fields.append((field.name, kind) if default is dataclasses.MISSING else (field.name, kind, default))
+    made: type[Struct] = msgspec.defstruct(message.__name__, fields, tag=tag, forbid_unknown_fields=True, kw_only=True)
+    return made
+
+
+def _bounded(hint: Any, least: float | None = None, most: float | None = None, *, above: bool = False) -> Any:
+    """A type whose numbers are in a range, and whose texts are short."""
+    if hint in (int, float):
+        largest = LARGEST_INTEGER if hint is int else LARGEST_NUMBER
+        least, most = -largest if least is None else hint(least), largest if most is None else min(hint(most), largest)
+        return Annotated[hint, Meta(gt=least, le=most) if above else Meta(ge=least, le=most)]
+    if hint is str:
+        return Annotated[str, Meta(max_length=LONGEST_TEXT)]
+    origin, inner = get_origin(hint), [_bounded(each, least, most, above=above) for each in get_args(hint)]
+    if origin in (UnionType, Union):
+        return Union[tuple(inner)]  # noqa: UP007
+    if origin is tuple:
+        return tuple.__class_getitem__(tuple(inner))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return Annotated[dict[inner[0], inner[1]], Meta(max_length=MOST_SETTINGS)]  # type: ignore[valid-type]
+    return hint

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from ..cli.arguments.presets import as_text
 from ..cli.inputs.sources import from_photo
 from ..hog import HOGSpec
 from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
+from ..requests.dialect import as_text
 from ..viz.pictures import edge_votes
 from .answers import glyphs
 from .lines import for_glyphs, for_hog
-from .requests import HogRequest, InvertRequest, RequestError, as_request_error
+from .requests import HogMessage, InvertMessage, RequestError, as_request_error
 from .store import DescriptorEntry, Photograph, Store
 
 
-def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> DescriptorEntry:
+def requested_descriptor(request: HogMessage | InvertMessage, store: Store) -> DescriptorEntry:
     """The descriptor that a request is about."""
     if (request.photo is None) == (request.descriptor is None):
         got = "neither" if request.photo is None else "both"
@@ -30,7 +30,7 @@ def requested_descriptor(request: HogRequest | InvertRequest, store: Store) -> D
     if request.descriptor is not None:
         return store.get(request.descriptor, DescriptorEntry)
     assert request.photo is not None
-    photograph, spec = store.get(request.photo, Photograph), request.spec()
+    photograph, spec = store.get(request.photo, Photograph), request.spec
     photo, shrunk = photograph.shrunk(request.size), request.size < max(photograph.size)
     with as_request_error():
         try:
@@ -52,11 +52,11 @@ def _check_cells(name: str, photo: Tensor, spec: HOGSpec) -> None:
         )
 
 
-def see(request: HogRequest, store: Store) -> dict[str, Any]:
+def see(request: HogMessage, store: Store) -> dict[str, Any]:
     """A descriptor's shape, its glyphs, and how to make it elsewhere."""
     began = time.perf_counter()
     of = requested_descriptor(request, store)
-    source, asked = of.source, (request.photo or request.descriptor or "", request.preset, str(request.settings))
+    source, asked = of.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
     with as_request_error():
         drawn = glyphs(source.descriptor, source.spec)
     return {

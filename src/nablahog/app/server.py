@@ -26,7 +26,7 @@ from .access import AccessMiddleware, AccessRules
 from .answers import png
 from .fit import Fitting
 from .invert import invert
-from .requests import SEE_SIZE, HogRequest, InvertRequest, PoseRequest, RequestError, as_answer, decoded
+from .requests import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decoded
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -66,7 +66,7 @@ class Server:
             self.store.pin(f"sample-{name}", Photograph(f"{name}.png", sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
         for name in CHAIRS:
-            self.store.pin(f"chair-{name}", MeshEntry(name, sample_chairs()[name]))
+            self.store.pin(f"{store.CHAIR}{name}", MeshEntry(name, sample_chairs()[name]))
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -121,7 +121,7 @@ class Server:
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
-        asked: HogRequest = decoded(await request.body(), HogRequest)
+        asked = decoded(await request.body(), HogMessage)
         return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
 
     async def _cell(self, request: Request) -> Response:
@@ -136,21 +136,20 @@ class Server:
         return Response(data, media_type="application/octet-stream", headers=headers)
 
     async def _pose(self, request: Request) -> Response:
-        asked: PoseRequest = decoded(await request.body(), PoseRequest)
+        asked = decoded(await request.body(), PoseMessage)
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
-            initial = None if asked.initial is None else (asked.initial[0], asked.initial[1])
             fitting = Fitting.of(asked, self.store)
-            return fitting.figures(fitting.fit(asked, lambda message: None, cancel, initial), asked)
+            return fitting.figures(fitting.fit(asked, lambda message: None, cancel), asked)
 
         return await self._json(request, self.long, fitted)
 
     async def _invert(self, request: Request) -> Response:
-        asked: InvertRequest = decoded(await request.body(), InvertRequest)
+        asked = decoded(await request.body(), InvertMessage)
         see.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 
-    async def _frames(self, asked: InvertRequest) -> AsyncIterator[bytes]:
+    async def _frames(self, asked: InvertMessage) -> AsyncIterator[bytes]:
         """The events of an inversion; when the page goes, this is closed, and the search ends."""
 
         def searched(send: Callable[[tuple[str, dict[str, Any]]], None], cancel: CancelToken) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from .fit import Fitting
-from .requests import Curve, Fit, FitMessage, Open, RequestError, Stop, Turn, as_answer, decoded
+from .requests import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decoded_fit_message
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
@@ -25,7 +25,7 @@ class FitSocket:
     def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long
         self.scene: Fitting | None = None
-        self.names = "", ""
+        self.mesh = ""
         self._turn: Turn | None = None
         self._turning: asyncio.Task[None] | None = None
         self._work: asyncio.Task[None] | None = None
@@ -46,11 +46,11 @@ class FitSocket:
     async def _do(self, text: str) -> None:
         if len(text) > MOST_CHARACTERS:
             raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
-        message: FitMessage = decoded(text, FitMessage)
+        message = decoded_fit_message(text)
         if isinstance(message, Open):
             await self._stop()
             self.scene = await self.quick.run(lambda _: Fitting.of(message, self.store))
-            self.names = message.photo, message.mesh
+            self.mesh = message.mesh
             await self._answer(self.long, self._opened().ready)
         elif isinstance(message, Turn):
             self._opened()
@@ -92,11 +92,10 @@ class FitSocket:
 
     async def _fit(self, message: Fit) -> None:
         """The poses that a search comes to, and its result."""
-        scene, here = self._opened(), message.pose if message.from_here else None
-        initial = None if here is None else (here[0], min(max(here[1], -90.0), 90.0))
+        scene = self._opened()
 
         def work(send: Callable[[dict[str, Any]], None], cancel: CancelToken) -> None:
-            send(scene.fitted(scene.fit(message, send, cancel, initial), message, initial, *self.names))
+            send(scene.fitted(scene.fit(message, send, cancel), message, self.mesh))
 
         async with aclosing(self.long.stream(work)) as answers:
             async for answer in answers:

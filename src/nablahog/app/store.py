@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import re
 import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -18,8 +17,6 @@ from typing import Any, TypeVar
 from PIL import Image
 from torch import Tensor
 
-from ..cli.arguments.presets import SpecOptions
-from ..cli.inputs.arrays import ArrayOptions, FittingPreset, likeliest
 from ..cli.inputs.sources import Source
 from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
@@ -29,9 +26,12 @@ from ..io.images import limit_size, read_exif_focal, read_image
 from ..io.input_file import InputFile
 from ..io.pixels import register_heif
 from ..render import Mesh, load_mesh
+from ..requests.arrays import read_stored
+from ..requests.inversion import GlyphRequest
+from ..requests.kinds import SIZE
 from . import lines
 from .lines import Reading
-from .requests import GONE, SEE_SIZE, RequestError, Settings, as_request_error, decoded, spec_options
+from .requests import GONE, SEE_SIZE, RequestError, as_request_error, from_json
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
@@ -39,6 +39,7 @@ MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
 MOST_CELLS = 2**14  # in a descriptor, that the page can draw
 ARRAYS, MESHES = (".npy", ".npz", ".mat"), (".off", ".obj", ".ply", ".stl", ".glb")
+CHAIR = "chair-"  # begins the ids of meshes that come with the package
 AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
 
@@ -188,18 +189,15 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
         expected = ", ".join(ARRAYS)
         raise RequestError(422, f"{name}: expected a descriptor ({expected}), got the ending {file.ending!r}")
     template = query.get("as") == "template"
-    settings: dict[str, str] = decoded(query.get("settings") or "{}", Settings)
-    options, size = spec_options(query.get("preset") or None, settings), _image_size(query.get("image_size"))
-    arrays = ArrayOptions(size, query.get("key") or None)
-    try:
-        with as_request_error():
-            sources = _sources(file, options, arrays, template)
-    except RequestError as error:
-        if is_raw(file):
-            error.answer["question"] = _question(file, arrays)
-        raise
     with as_request_error():
-        readings = _readings(file, sources, options, arrays, template)
+        asked = GlyphRequest(
+            preset=query.get("preset") or None,
+            settings=from_json(query.get("settings") or "{}", dict[str, str]),
+            image_size=SIZE.read(query["image_size"]) if query.get("image_size") else None,
+            key=query.get("key") or None,
+        )
+        sources = _sources(file, asked, template)
+        readings = _readings(file, sources, asked, template)
     parts = []
     for source, reading in zip(sources, readings, strict=True):
         rows, cols, _ = source.descriptor.shape
@@ -220,47 +218,24 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
     }
 
 
-def _sources(file: InputFile, options: SpecOptions, arrays: ArrayOptions, template: bool) -> list[Source]:
+def _sources(file: InputFile, request: GlyphRequest, template: bool) -> list[Source]:
     if template:
         return [
             Source(each.part or file.name, "template", each.descriptor, each.spec, each.image_size, None)
-            for each in read_templates(file, options, arrays)
+            for each in read_templates(file, request)
         ]
-    stored = arrays.read(file, options) if is_raw(file) else load_descriptor(file)
+    stored = read_stored(file, request) if is_raw(file) else load_descriptor(file)
     return [Source(file.name, "descriptor", stored.descriptor.float(), stored.spec, stored.image_size, None)]
 
 
-def _readings(
-    file: InputFile, sources: list[Source], options: SpecOptions, arrays: ArrayOptions, template: bool
-) -> list[Reading]:
+def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, template: bool) -> list[Reading]:
     """How each of the sources in a file is read again."""
     if template and is_dpm_file(file):
         return [lines.of_model(file.name, number) for number in range(len(sources))]
     if not is_raw(file):
         return [lines.of_file(file.name)]
-    array = read_array(file, arrays.key)
-    return [lines.of_array(file.name, array, each, options, arrays, template=template) for each in sources]
-
-
-def _question(file: InputFile, arrays: ArrayOptions) -> dict[str, Any] | None:
-    """Which arrays there are, if several, or the presets that fit the one, the likeliest first; None for no array."""
-    fitting: list[tuple[float, FittingPreset]] = []
-    keys: list[str] | None = None
-    try:
-        array = read_array(file, arrays.key)
-        fitting = likeliest(array, arrays.image_size)
-    except (ValueError, OSError) as error:
-        keys = re.findall(r"(\w+) \(", str(error).partition("holds")[2])
-        if not keys:
-            return None
-    return {
-        "keys": keys,
-        "shape": None if keys else list(array.shape),
-        "fitting": [
-            {"preset": each.dialect.name, "settings": dict(each.dialect.settings), "image_size": each.image_size}
-            for _, each in fitting
-        ],
-    }
+    array = read_array(file, request.key)
+    return [lines.of_array(file.name, array, each, request, template=template) for each in sources]
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
@@ -274,12 +249,3 @@ def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict
         kept = MeshEntry(name, load_mesh(file, up=up or None, front=front or None), up or None, front or None)
     key = store.add(kept, data, file.ending.encode(), up.encode(), front.encode())
     return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
-
-
-def _image_size(text: str | None) -> tuple[int, int] | None:
-    if not text:
-        return None
-    match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text)
-    if match is None:
-        raise RequestError(422, f"expected an image size such as 128x64, height first, got {text[:40]!r}")
-    return int(match[1]), int(match[2])

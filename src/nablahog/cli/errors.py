@@ -2,22 +2,69 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ..requests.inversion import GlyphRequest
+from ..requests.options import words
+from ..runtime.errors import InputError
 from ..runtime.text import one_line
+
+if TYPE_CHECKING:
+    from ..requests.arrays import FittingPreset
 
 MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
 SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
+CLEARLY = 2.0  # a dialect whose normaliser is this many times as near as the next one is the descriptor's
+_REMEDIES = {
+    "array": ": --key NAME chooses one",
+    "image size": ": expected --image-size HxW",
+    "preset": ": expected --preset NAME",
+}
+"""The options that help, by what an error is about."""
 
 
 def tell(command: str, message: str) -> None:
     """Prints a line on stderr; ``command`` is its name without ``nablahog``."""
     print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
+
+
+def worded(error: Exception) -> str:
+    """The sentence of an error, with the options that help."""
+    if not isinstance(error, InputError):
+        return str(error)
+    fitting = error.facts.get("fitting", [])
+    if error.about == "preset" and len(fitting) > 1 and not fitting[0].is_detector:
+        return f"{error}{_likeliest(fitting)}"
+    return f"{error}{_REMEDIES.get(error.about, '')}{_that_fit(fitting)}"
+
+
+def _that_fit(fitting: Sequence[FittingPreset]) -> str:
+    """Presets that fit an array, as options."""
+    asked = ", or ".join(_asking_for(each) for each in fitting)
+    if fitting and fitting[0].is_detector:
+        return f"; with --template, a detector's weights and bias would fit {asked}"
+    return f"; this fits {asked}" if fitting else ""
+
+
+def _likeliest(fitting: Sequence[FittingPreset]) -> str:
+    """Presets that fit an array, the likeliest first: that of which an image comes nearest to the descriptor."""
+    first, second, *_ = (each.error for each in fitting)
+    asked = [_asking_for(each) + ("" if math.isinf(each.error) else f" ({each.error:.3f})") for each in fitting]
+    if CLEARLY * first <= second < math.inf:
+        return f"; by the error of its normalisation it is {asked[0]}, and not {', or '.join(asked[1:])}"
+    unclear = "" if math.isinf(first) else ", and the error of its normalisation does not tell"
+    return f"; its shape fits several{unclear}: expected {', or '.join(asked)}"
+
+
+def _asking_for(preset: FittingPreset) -> str:
+    return " ".join(words(preset.request, GlyphRequest))
 
 
 class Skipping:
@@ -38,8 +85,9 @@ class Skipping:
         try:
             yield
         except (ValueError, OSError) as error:
-            named = path in str(error) or str(Path(path)) in str(error)
-            message = str(error) if named else f"{path}: {error}"
+            message = worded(error)
+            if path not in message and str(Path(path)) not in message:
+                message = f"{path}: {message}"
             if self.count == 1:
                 raise ValueError(message) from None
             self.skipped.append(

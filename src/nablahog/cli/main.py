@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
+from ..requests.kinds import integer
 from ..runtime.text import one_line
 from .arguments import options
 from .arguments.invert import demo, glyph, hog, invert
 from .arguments.options import Parser
 from .arguments.pose import pose
 from .arguments.tables import KINDS, learn, table1, table2
-from .errors import MOST_CHARACTERS, tell
+from .errors import MOST_CHARACTERS, tell, worded
 
 PORT = 8765
 LAST_PORT = 65535
@@ -72,8 +73,7 @@ def app(commands: argparse._SubParsersAction[Parser]) -> None:
         "model until it fits. Nothing leaves the machine. Needs the extra nablahog[app].",
     )
     command.add_argument("photos", nargs="*", metavar="PHOTO", help="photographs to begin with")
-    port = f"port of the page; 0 takes a free one (default: {PORT})"
-    options.number(command, "--port", port, least=0, most=LAST_PORT, default=PORT)
+    options.add(command, "--port", integer(0, LAST_PORT), "port of the page; 0 takes a free one", PORT)
     command.add_argument(
         "--host",
         default="127.0.0.1",
@@ -121,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ValueError, OSError) as error:
-        return _failed(command, str(error))
+        return _failed(command, worded(error))
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.errors import InputError
 from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import InputFile, Readable, input_file
@@ -73,6 +74,8 @@ def naming(path: Readable) -> Iterator[None]:
     """Turns errors in the block into a ValueError that begins with the name of the file."""
     try:
         yield
+    except InputError as error:
+        raise error.reworded(f"{path}: {error}") from None
     except (TypeError, ValueError, RuntimeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path}: {one_line(error)}") from None
 
@@ -113,7 +116,7 @@ def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:
 def _chosen(file: InputFile, key: str | None) -> NDArray[Any]:
     if _is_npy(file):
         if key is not None:
-            raise ValueError(f"{file}: --key goes with .npz and .mat files; a .npy file holds one array")
+            raise ValueError(f"{file}: a .npy file holds one array, which has no name, got the name {one_line(key)!r}")
         return _npy(file)
     if _is_mat(file):
         from .matfile import read_mat_arrays  # which models and descriptor files do not need
@@ -126,11 +129,12 @@ def _chosen(file: InputFile, key: str | None) -> NDArray[Any]:
     listed = "the file holds no array of numbers"
     if arrays:
         listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
+    names = {"keys": [*arrays]}
     if key is not None:
-        raise ValueError(f"{file}: there is no array {one_line(key)!r} of numbers; {listed}")
+        raise InputError(f"{file}: there is no array {one_line(key)!r} of numbers; {listed}", "array", names)
     several = [array for array in arrays.values() if array.size > 1]
     if len(several) != 1:
-        raise ValueError(f"{file}: expected one array or --key NAME, but {listed}")
+        raise InputError(f"{file}: expected one array, but {listed}", "array", names)
     return several[0]
 
 

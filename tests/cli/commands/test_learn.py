@@ -119,7 +119,7 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
         ("background", [], "no image is usable; the first: 0.png: expected at least 96x96 pixels, got 40x48", 1),
         ("background", ["--preset", "paper"], "a locally normalised descriptor", 1),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels", 1),
-        ("hoggles", ["--set", "a=b"], "--set: uoctti has no parameter 'a'", 1),
+        ("hoggles", ["--set", "a=b"], "uoctti has no parameter 'a'", 1),
         ("poses", [], "invalid choice: 'poses'", 2),
     ],
 )

@@ -178,7 +178,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("expected pixels, got '35mm': multiply by", focal="35mm", status=2)
     refused("pose", photograph, "--init", "-30,10", *to, message="written --init=-", status=2)
     check("x0,y0,x1,y1, got '1,2,3'", 2, box="1,2,3")
-    check("expected an elevation in -90…90 degrees, got '0,91'", 2, init="0,91")
+    check("expected an elevation in -90…90 degrees, got 91", 2, init="0,91")
     check("expected a number above 0 and at most 180", 2, within="200")
     check("expected a number above 0, exif or unknown", 2, focal="-3")
     check("expected a probability in 0…1", 2, **{"least-confidence": "1.5"})

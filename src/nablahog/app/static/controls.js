@@ -1,4 +1,4 @@
-/** Forms: a preset with a control for each of its parameters. */
+/** Controls of parameters and options, from what the server says about them. */
 
 import { element, fill, make, numberOf } from "./dom.js";
 
@@ -94,6 +94,92 @@ export class Dialects {
   }
 }
 
+/** What the address calls options, where it is not their name. */
+const KEYS = new Map([["invert-size", "invert_size"], ["fit-method", "pose_method"]]);
+
+/** The options of a view, in its element `VIEW-options`; the address keeps them. */
+export class Options {
+  /** @type {Map<Parameter, Control>} */
+  #controls = new Map();
+
+  /**
+   * @param {string} view
+   * @param {import("./types.js").About} about
+   * @param {import("./address.js").Address} address
+   * @param {() => void} [changed]
+   */
+  constructor(view, about, address, changed = () => {}) {
+    this.view = view;
+    this.address = address;
+    this.place = element(`${view}-options`, HTMLElement);
+    for (const option of about.options[view] ?? []) {
+      const control = controlOf(option, "", `${view}-${option.name}`);
+      control.nodes.className = "both";
+      if (option.name === "size") control.nodes.dataset.photoOnly = "";
+      control.nodes.addEventListener("input", () => {
+        if (control.read() === null) return;
+        this.#remember(option, control);
+        changed();
+      });
+      this.#controls.set(option, control);
+      this.place.append(control.nodes);
+    }
+    this.restore();
+  }
+
+  /** The values as a request has them; an entry that is not valid counts as the default. */
+  get value() {
+    /** @type {{[name: string]: string | number | boolean | null}} */
+    const values = {};
+    for (const [option, control] of this.#controls) values[option.name] = valueOf(option, control.read() ?? option.default);
+    return values;
+  }
+
+  /** Takes the options from the address. */
+  restore() {
+    for (const [option, control] of this.#controls) {
+      control.write(option.default);
+      const text = this.address.get(this.#key(option));
+      if (text !== null) control.write(text);
+    }
+  }
+
+  /**
+   * @param {string} name
+   * @param {string} text
+   */
+  set(name, text) {
+    for (const [option, control] of this.#controls) {
+      if (option.name !== name) continue;
+      control.write(text);
+      this.#remember(option, control);
+    }
+  }
+
+  /**
+   * @param {Parameter} option
+   * @param {Control} control
+   */
+  #remember(option, control) {
+    this.address.set({ [this.#key(option)]: control.read() });
+  }
+
+  /** @param {Parameter} option */
+  #key(option) {
+    return KEYS.get(`${this.view}-${option.name}`) ?? option.name;
+  }
+}
+
+/**
+ * @param {Parameter} option
+ * @param {string} text
+ */
+function valueOf(option, text) {
+  if (option.optional && text === "none") return null;
+  if (option.kind === "boolean") return text === "true";
+  return option.kind === "integer" || option.kind === "number" ? Number(text) : text;
+}
+
 /**
  * @param {Parameter} parameter
  * @param {string} preset
@@ -112,7 +198,7 @@ function controlOf(parameter, preset, id) {
  * @param {string} id
  */
 function labelled(parameter, id) {
-  return make("label", { for: id }, parameter.name);
+  return make("label", { for: id, title: parameter.help || null }, parameter.label);
 }
 
 /**
@@ -121,14 +207,14 @@ function labelled(parameter, id) {
  * @returns {Control}
  */
 function numeric(parameter, id) {
-  const { least, most, optional } = parameter;
+  const { least, most, optional, slider: slides } = parameter;
   const step = parameter.kind === "integer" ? 1 : "any";
   const input = make("input", { type: "number", id, name: parameter.name, min: least, max: most, step,
     required: !optional, placeholder: optional ? "none" : null });
   const nodes = make("div", { class: "field" }, labelled(parameter, id), input);
   /** @type {HTMLInputElement | null} */
   let slider = null;
-  if (least !== null && most !== null && !optional) {
+  if (slides && least !== null && most !== null && !optional) {
     const fine = parameter.kind === "integer" ? 1 : (most - least) / 200;
     slider = make("input", { type: "range", "aria-label": `${parameter.name}, slider`, min: least, max: most, step: fine });
     slider.addEventListener("input", () => { input.value = slider?.value ?? ""; });

@@ -2,8 +2,9 @@
 
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
+import { Options } from "./controls.js";
 import { Curve } from "./curve.js";
-import { bringIntoSight, checked, debounce, element, enable, figure, fill, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
+import { bringIntoSight, checked, debounce, element, enable, figure, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
@@ -24,8 +25,7 @@ export class Fit {
   #scene = new Scene(() => this.#controls.value, (pose) => this.#turn(pose));
   #curve;
   #photo = new LatestRequest("fit-progress");
-  #method = element("fit-method", HTMLSelectElement);
-  #seed = element("fit-seed", HTMLInputElement);
+  #options;
   #focal = element("focal", HTMLInputElement);
   #start = element("fit-start", HTMLButtonElement);
   #stop = element("fit-stop", HTMLButtonElement);
@@ -51,7 +51,7 @@ export class Fit {
     this.mesh = new MeshChooser(app.about, app.address, () => this.#reopen());
     this.#curve = new Curve((azimuth) => this.#turn(this.#controls.value.map((old, i) => i ? old : azimuth)),
       (pose) => this.#askCurve(pose));
-    fill(this.#method, app.about.pose_methods);
+    this.#options = new Options("fit", app.about, app.address);
     this.restore();
     app.source.addEventListener("change", () => this.show(this.#shown));
     addEventListener("pagehide", () => this.#leave());
@@ -64,9 +64,6 @@ export class Fit {
       this.#explain();
       this.#reopen();
     });
-    for (const [key, input] of /** @type {[string, HTMLSelectElement | HTMLInputElement][]} */ ([["pose_method", this.#method], ["seed", this.#seed]])) {
-      input.addEventListener("input", () => app.address.set({ [key]: input.value }));
-    }
     element("pose-download", HTMLButtonElement).addEventListener("click", () => {
       if (this.#fitted) save(new Blob([JSON.stringify(this.#fitted.result, null, 2)], { type: "application/json" }), `${this.#stem}_pose.json`);
     });
@@ -80,12 +77,10 @@ export class Fit {
   }
 
   restore() {
-    const { address, about } = this.app;
+    const { address } = this.app;
     this.#restoreObject();
     this.#controls.write(proper(address.numbers("pose", 6) ?? FIRST_POSE));
-    const method = address.get("pose_method") ?? "";
-    this.#method.value = about.pose_methods.includes(method) ? method : about.pose_methods[0] ?? "";
-    this.#seed.value = String(address.number("seed", 0));
+    this.#options.restore();
     this.mesh.restore();
     if (this.#ready) this.#reopen();
   }
@@ -303,8 +298,8 @@ export class Fit {
     this.#curve.steps = [];
     element("fit-result", HTMLElement).hidden = true;
     element("fit-said", HTMLElement).textContent = "";
-    this.#session.send({ type: "fit", method: this.#method.value, seed: numberOf(this.#seed) ?? 0, pose: this.#controls.value,
-      from_here: element("fit-from-here", HTMLInputElement).checked });
+    const here = element("fit-from-here", HTMLInputElement).checked;
+    this.#session.send({ type: "fit", ...this.#options.value, initial: here ? this.#controls.value.slice(0, 2) : null });
   }
 
   /** @param {boolean} now */

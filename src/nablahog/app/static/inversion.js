@@ -6,10 +6,6 @@ import { paint, pictureOf, pngOf } from "./files.js";
 
 /** Milliseconds between frames for readers who want less motion. */
 const REDUCED = 500;
-const METHODS = { prior: "with the learned prior", "no-prior": "without a prior", paper: "as in the paper" };
-
-/** @param {string} method */
-export const methodName = (method) => Object.entries(METHODS).find(([id]) => id === method)?.[1] ?? method;
 
 /**
  * @param {object} body of the request

@@ -2,22 +2,19 @@
 
 import { getBlob, postFile, postJson } from "./api.js";
 import { Chart } from "./chart.js";
-import { bringIntoSight, checked, element, enable, figure, fill, make, numberOf, onPress, table } from "./dom.js";
+import { Options } from "./controls.js";
+import { bringIntoSight, checked, element, enable, figure, make, onPress, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
-import { invert, methodName, Painter } from "./inversion.js";
+import { invert, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 import { showWipe } from "./wipe.js";
 
-const FIRST_SIZE = 256;
 const SURE = 0.8;
 
 export class Invert {
-  #method = element("invert-method", HTMLSelectElement);
-  #quality = element("invert-quality", HTMLSelectElement);
-  #seed = element("invert-seed", HTMLInputElement);
-  #size = element("invert-size", HTMLInputElement);
+  #options;
   #start = element("invert-start", HTMLButtonElement);
   #stop = element("invert-stop", HTMLButtonElement);
   #goOn = element("invert-go-on", HTMLButtonElement);
@@ -41,23 +38,13 @@ export class Invert {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.app = app;
-    fill(this.#method, app.about.methods.map((id) => ({ id, name: methodName(id) })));
-    fill(this.#quality, app.about.qualities);
-    this.#size.max = String(app.about.limits.invert_size);
-    this.restore();
-    for (const [key, input] of /** @type {[string, HTMLSelectElement | HTMLInputElement][]} */ ([["method", this.#method],
-      ["quality", this.#quality], ["seed", this.#seed], ["invert_size", this.#size]])) {
-      input.addEventListener("input", () => {
-        if (input instanceof HTMLSelectElement || numberOf(input) !== null) app.address.set({ [key]: input.value });
-        this.explain();
-      });
-    }
+    this.#options = new Options("invert", app.about, app.address, () => this.explain());
+    this.explain();
     onPress(this.#start, () => this.#run(null));
     onPress(this.#stop, () => this.#newest.abort());
     onPress(this.#goOn, () => this.#further());
     element("invert-other-seed", HTMLButtonElement).addEventListener("click", () => {
-      this.#seed.value = String((numberOf(this.#seed) ?? 0) + 1);
-      app.address.set({ seed: this.#seed.value });
+      this.#options.set("seed", String(Number(this.#options.value.seed) + 1));
       void this.#run(null);
     });
     element("preimage-download", HTMLButtonElement).addEventListener("click", () => {
@@ -80,29 +67,22 @@ export class Invert {
   }
 
   restore() {
-    const { address, about } = this.app;
-    const choose = (/** @type {HTMLSelectElement} */ select, /** @type {string | null} */ value, /** @type {string[]} */ all) => {
-      select.value = all.includes(value ?? "") ? value ?? "" : all[0] ?? "";
-    };
-    choose(this.#method, address.get("method"), about.methods);
-    choose(this.#quality, address.get("quality"), about.qualities);
-    this.#seed.value = String(address.number("seed", 0));
-    this.#size.value = String(Math.min(about.limits.invert_size, address.number("invert_size", FIRST_SIZE)));
+    this.#options.restore();
     this.explain();
   }
 
   /** Says what is missing for the method; called when the view is shown, and when preset or parameters change. */
   explain() {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
-    const missing = this.#method.value === "prior" && !this.app.about.priors[kind];
+    const { method, prior } = this.#options.value;
+    const missing = method === "default" && prior === "default" && !this.app.about.priors[kind];
     element("method-about", HTMLElement).textContent = missing
-      ? `There is no learned prior for presets with ${kind} directions: the method works without one.` : "";
+      ? `There is no learned prior for presets with ${kind} directions: the search does without one.` : "";
   }
 
   /** What a request says about the source and the descriptor. */
   get #asked() {
-    return { ...this.app.source.named, ...this.app.dialect.value,
-      size: numberOf(this.#size) ?? FIRST_SIZE };
+    return { ...this.app.source.named, ...this.app.dialect.value, size: this.#options.value.size };
   }
 
   #reset() {
@@ -165,8 +145,7 @@ export class Invert {
     this.#state("running", "The pre-image is being made.");
     /** @type {string | null} */
     let photograph = null;
-    const body = { ...this.#asked, method: this.#method.value, quality: this.#quality.value,
-      seed: numberOf(this.#seed) ?? 0, start };
+    const body = { ...this.#asked, ...this.#options.value, start };
     const controls = this.#start.closest(".bar") ?? this.#start;
     bringIntoSight(controls, this.#canvas);
     const result = await this.#newest.run("Makes the pre-image", (signal, wait) => invert(body, signal, {

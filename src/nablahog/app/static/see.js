@@ -2,21 +2,20 @@
 
 import { getBlob, getJson, postJson } from "./api.js";
 import { showCell } from "./cell.js";
-import { element, numberOf } from "./dom.js";
+import { Options } from "./controls.js";
+import { element } from "./dom.js";
 import { paint, save, stem } from "./files.js";
 import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
 import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 
-const FIRST_SIZE = 512;
-
 export class See {
   #picture = new Stage("picture");
   #glyphs = new Stage("glyphs");
   #newest = new LatestRequest("see-progress");
   #newestCell = new LatestRequest("see-progress");
-  #size = element("size", HTMLInputElement);
+  #options;
   #shown = false;
   #stale = true;
   /** @type {import("./types.js").Hog | null} */
@@ -32,14 +31,7 @@ export class See {
   /** @param {import("./main.js").App} app */
   constructor(app) {
     this.app = app;
-    this.#size.max = String(app.about.limits.see_size);
-    this.restore();
-    this.#size.addEventListener("input", () => {
-      const size = numberOf(this.#size);
-      if (size === null) return;
-      app.address.set({ size });
-      this.refresh();
-    });
+    this.#options = new Options("see", app.about, app.address, () => this.refresh());
     element("see-download", HTMLButtonElement).addEventListener("click", () => void this.#download());
     for (const stage of [this.#picture, this.#glyphs]) {
       const look = (/** @type {PointerEvent} */ event) => this.#lookAt(stage.at(event));
@@ -49,12 +41,8 @@ export class See {
     }
   }
 
-  get size() {
-    return numberOf(this.#size) ?? FIRST_SIZE;
-  }
-
   restore() {
-    this.#size.value = String(Math.min(this.app.about.limits.see_size, this.app.address.number("size", FIRST_SIZE)));
+    this.#options.restore();
   }
 
   /** @param {boolean} shown */
@@ -74,13 +62,13 @@ export class See {
 
   /** @param {NonNullable<import("./main.js").App["source"]["value"]>} source */
   async #draw(source) {
-    const size = this.size;
+    const options = this.#options.value;
     let failed = false;
     const result = await this.#newest.run("Computes the descriptor", async (signal) => {
       /** @type {[Promise<import("./types.js").Hog>, Promise<ImageBitmap | null>]} */
       const both = [
-        postJson("api/hog", { ...this.app.source.named, ...this.app.dialect.value, size }, signal),
-        source.kind === "photo" ? this.app.source.picture(source.id, size, signal) : Promise.resolve(null),
+        postJson("api/hog", { ...this.app.source.named, ...this.app.dialect.value, ...options }, signal),
+        source.kind === "photo" ? this.app.source.picture(source.id, Number(options.size), signal) : Promise.resolve(null),
       ];
       return Promise.all(both).catch((error) => {
         failed = !signal.aborted;

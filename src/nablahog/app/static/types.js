@@ -2,15 +2,15 @@
  * What the server sends and the page keeps, as types only.
  *
  * @typedef {"integer" | "number" | "boolean" | "choice" | "pair"} Kind
- * @typedef {{name: string, kind: Kind, default: string, choices: string[] | null, optional: boolean,
- *   least: number | null, most: number | null}} Parameter
+ * @typedef {{name: string, label: string, help: string, kind: Kind, default: string, choices: string[] | null,
+ *   optional: boolean, least: number | null, most: number | null, slider: boolean}} Parameter of a preset or a request
  * @typedef {{name: string, signed: boolean, title: string, parameters: Parameter[]}} Preset
  * @typedef {{id: string, name: string, width: number, height: number, box?: Box | null,
  *   focal?: number | null, own?: boolean}} PhotoInfo own: a file of the reader's
  * @typedef {{id: string, name: string}} Named
  * @typedef {{version: string, default_preset: string, presets: Preset[], samples: PhotoInfo[], meshes: Named[],
  *   priors: {signed: boolean, unsigned: boolean}, limits: {upload_bytes: number, see_size: number, invert_size: number},
- *   methods: string[], qualities: string[], pose_methods: string[]}} About
+ *   options: {[view: string]: Parameter[]}}} About
  *
  * @typedef {{[name: string]: string}} Settings values of parameters that differ from their defaults
  * @typedef {{preset: string, settings: Settings}} Dialect

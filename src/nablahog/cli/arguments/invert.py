@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import get_args
+import re
 
-from ...invert.choices import InversionMethod, QualityName
+from ...requests.inversion import GlyphRequest, HogRequest, InvertRequest
+from ...requests.kinds import Kind, read_path
 from . import options
 from .options import SEVERAL, Parser
-
-MOST_SAMPLES = 64
 
 
 def hog(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -23,7 +22,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "inputs",
         nargs="+",
-        type=options.path,
+        type=options.typed(read_path),
         metavar="PHOTO",
         help=f"an image of any format that Pillow reads; {SEVERAL}; for a data set also a URL or pattern of fsspec, "
         "such as s3://bucket/*.jpg, and @FILE, a list with one of these per line",
@@ -34,8 +33,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         "descriptor file (.npz) of one photograph, - for stdout; a folder for several; or a data set, NAME.parquet",
         stdout=True,
     )
-    options.preset(command)
-    options.size(command)
+    options.add_request(command, HogRequest)
     options.workers(command)
     options.cluster(command)
 
@@ -49,8 +47,7 @@ def glyph(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.inputs(command)
     options.output(command, "FILE", "PNG file of one input, - for stdout; a folder for several", stdout=True)
-    options.preset(command)
-    options.size(command)
+    options.add_request(command, GlyphRequest)
 
 
 def invert(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -63,29 +60,9 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.inputs(command, "; a data set NAME.parquet")
     options.output(command, "DIR", "folder for the results, made if missing")
-    options.preset(command)
-    options.size(command)
-    command.add_argument(
-        "--template",
-        action="store_true",
-        help="inputs are the weights of linear detectors, in arrays, DPM models (.mat) or files that OpenCV's "
-        "HOGDescriptor saved (.yml, .xml, .json): show what they look for",
-    )
-    options.choice(command, "--quality", get_args(QualityName), "best, or fast: coarser, with fewer evaluations")
-    method = "how to search: default, or paper, the paper's own, which is much slower"
-    options.choice(command, "--method", get_args(InversionMethod), method)
-    prior = "a file of `nablahog learn prior`, or none for no prior (default: the prior that comes with nablahog)"
-    options.file(command, "--prior", "FILE", prior)
-    options.number(
-        command,
-        "--samples",
-        "show N other images for an unsigned descriptor: they differ where it leaves the image open",
-        least=2,
-        most=MOST_SAMPLES,
-    )
-    command.add_argument("--device", type=options.device, default="cpu", help="cpu, cuda or cuda:N (default: cpu)")
+    options.add_request(command, InvertRequest)
+    options.add(command, "--device", Kind("DEVICE", device), "cpu, cuda or cuda:N", "cpu")
     options.cluster(command)
-    options.seed(command)
 
 
 def demo(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -96,3 +73,19 @@ def demo(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.output(command, "DIR", "folder for the results, made if missing")
     options.seed(command)
+
+
+def device(text: str) -> str:
+    """An existing device by its name; PyTorch is imported for CUDA only."""
+    match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
+    if match is None:
+        raise ValueError(f"expected cpu, cuda or cuda:N, got {text!r}")
+    if text != "cpu":
+        import torch
+
+        devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
+        if devices == 0:
+            raise ValueError(f"expected a CUDA device for {text}, but PyTorch finds none here")
+        if int(match[1] or 0) >= devices:
+            raise ValueError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
+    return text

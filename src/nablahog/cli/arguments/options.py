@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import math
-import re
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
+from ...requests.dialect import PRESETS, defaults_of
+from ...requests.inversion import InvertRequest
+from ...requests.kinds import FLAG, Kind, integer, path, read_path
+from ...requests.options import options_of
 from ...runtime.text import did_you_mean, one_line
-from .presets import DEFAULT_PRESET, PRESETS, defaults_of
 
-SIZE = 256  # pixels of the longer side: the pre-image of such a photograph takes seconds
+Request = TypeVar("Request")
 SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
 
 
@@ -48,40 +49,14 @@ class Parser(argparse.ArgumentParser):
         return next(filter(None, (did_you_mean(name, options) for name in names)), "")
 
 
-def image_size(text: str) -> tuple[int, int]:
-    """(height, width) in pixels."""
-    match = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
-    return int(match[1]), int(match[2])
+def typed(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """``read`` for argparse, which shows the sentence of its own error alone."""
 
-
-def setting(text: str) -> tuple[str, str]:
-    key, equals, value = text.partition("=")
-    if not key or not equals:
-        raise argparse.ArgumentTypeError(f"expected KEY=VALUE, a parameter of the preset, got {text!r}")
-    return key, value
-
-
-def path(text: str) -> str:
-    """The name of a file or folder, which is not empty."""
-    if not text:
-        raise argparse.ArgumentTypeError("expected the name of a file or folder, got ''")
-    return text
-
-
-def numbers(names: str) -> Callable[[str], tuple[float, ...]]:
-    """Parses finite numbers separated by commas, one for each of the comma-separated ``names``."""
-
-    def parse(text: str) -> tuple[float, ...]:
+    def parse(text: str) -> Any:
         try:
-            values = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            values = ()
-        if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
-            what = f"{names.count(',') + 1} numbers {names}" if "," in names else "a number"
-            raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
-        return values
+            return read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
 
@@ -100,126 +75,89 @@ def chosen(kind: str, choices: Collection[str], sets: Mapping[str, Collection[st
     return parse
 
 
-def device(text: str) -> str:
-    """An existing device by its name; PyTorch is imported for CUDA only."""
-    match = re.fullmatch(r"cpu|cuda(?::(\d{1,3}))?", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"expected cpu, cuda or cuda:N, got {text!r}")
-    if text != "cpu":
-        import torch
-
-        devices = torch.cuda.device_count() if torch.cuda.is_available() else 0
-        if devices == 0:
-            raise argparse.ArgumentTypeError(f"expected a CUDA device for {text}, but PyTorch finds none here")
-        if int(match[1] or 0) >= devices:
-            raise argparse.ArgumentTypeError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
-    return text
-
-
-def number(
-    command: argparse.ArgumentParser,
-    name: str,
-    text: str,
-    *,
-    least: int = 1,
-    most: int = 10**18 - 1,
-    default: int | None = None,
+def add(
+    command: argparse.ArgumentParser, name: str, kind: Kind, text: str, default: Any = None, *, dest: str = ""
 ) -> None:
-    """Adds an option for an integer in ``least`` … ``most``."""
+    """Adds an option, or an argument, with values of a kind; its help ends with the default, if there is one."""
+    named = {"dest": dest} if dest else {}
+    if kind is FLAG:
+        command.add_argument(name, action="store_true", help=text, **named)  # type: ignore[arg-type]
+        return
+    command.add_argument(
+        name,
+        type=typed(kind.read),
+        action="store" if kind.collect is None else "append",
+        choices=kind.choices or None,
+        default=default,
+        metavar=kind.name,
+        help=text if default is None else f"{text} (default: {kind.write(default)})",
+        **named,  # type: ignore[arg-type]
+    )
 
-    def parse(value: str) -> int:
-        if not re.fullmatch(r"\d{1,18}", value) or int(value) < least:
-            raise argparse.ArgumentTypeError(f"expected an integer of at least {least}, got {value!r}")
-        if int(value) > most:
-            raise argparse.ArgumentTypeError(f"expected an integer of at most {most}, got {value!r}")
-        return int(value)
 
-    command.add_argument(name, type=parse, default=default, metavar="N", help=text)
+def add_field(command: argparse.ArgumentParser, request: type, name: str, default: Any = None) -> None:
+    """Adds the option of a request's field, perhaps with another default."""
+    field = next(each for each in options_of(request) if each.name == name)
+    text, repeated = field.help, field.kind.collect is not None
+    if default is None and field.stands_for is not None:
+        text = f"{text} (default: {field.kind.write(field.stands_for)})"
+    elif default is None and not repeated:
+        default = field.default
+    add(command, field.flag, field.kind, text, default, dest=name)
 
 
-def file(command: argparse.ArgumentParser, name: str, metavar: str, text: str) -> None:
-    """Adds an option for the name of a file or folder."""
-    command.add_argument(name, type=path, metavar=metavar, help=text)
+def add_request(command: argparse.ArgumentParser, request: type) -> None:
+    """Adds the options of all fields of a request."""
+    for each in options_of(request):
+        add_field(command, request, each.name)
+
+
+def request_of(request: type[Request], arguments: argparse.Namespace) -> Request:
+    """The request of the options that :func:`add_request` has added."""
+    values = {}
+    for each in options_of(request):  # type: ignore[arg-type]  # mypy takes no class for hashable
+        value = getattr(arguments, each.name)
+        values[each.name] = value if each.kind.collect is None else each.kind.collect(value or [])
+    return request(**values)
 
 
 def inputs(command: argparse.ArgumentParser, more: str = "") -> None:
-    """Adds the inputs of a command, and the options for arrays; ``more`` says what else the inputs may be."""
+    """Adds the inputs of a command; ``more`` says what else they may be."""
     command.add_argument(
         "inputs",
         nargs="+",
-        type=path,
+        type=typed(read_path),
         metavar="INPUT",
         help="a photograph; a file of `nablahog hog`; with --preset, an array of another library (.npy, .npz, .mat); "
         f"{SEVERAL}{more}",
     )
-    command.add_argument(
-        "--image-size",
-        type=image_size,
-        metavar="HxW",
-        help="height x width of an array's image; required if the array is flat",
-    )
-    command.add_argument("--key", metavar="NAME", help="name of the array, if the file holds several")
 
 
 def output(command: argparse.ArgumentParser, metavar: str, text: str, *, stdout: bool = False) -> None:
     """Adds ``--output`` and ``--quiet``; with ``stdout``, the output may be ``-``."""
 
-    def parse(value: str) -> str:
+    def read(value: str) -> str:
         if value == "-" and not stdout:
-            raise argparse.ArgumentTypeError("expected the name of a file or folder; these results cannot go to stdout")
-        return path(value)
+            raise ValueError("expected the name of a file or folder; these results cannot go to stdout")
+        return read_path(value)
 
-    command.add_argument("-o", "--output", required=True, type=parse, metavar=metavar, help=text)
+    command.add_argument("-o", "--output", required=True, type=typed(read), metavar=metavar, help=text)
     command.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     command.set_defaults(parser=command)
 
 
-def choice(command: argparse.ArgumentParser, name: str, choices: Collection[str], text: str) -> None:
-    """Adds an option for one of the ``choices``, by default the first."""
-    default = next(iter(choices))
-    command.add_argument(name, choices=choices, default=default, metavar="NAME", help=f"{text} (default: {default})")
-
-
 def images(command: argparse.ArgumentParser) -> None:
-    file(command, "--images", "DIR", "folder of photographs (default: those of scikit-image)")
-
-
-def preset(command: argparse.ArgumentParser, default: str | None = None) -> None:
-    """Adds ``--preset`` and ``--set``; without a ``default``, the command knows whether the preset was chosen."""
-    command.add_argument(
-        "--preset",
-        choices=PRESETS,
-        default=default,
-        metavar="NAME",
-        help=f"kind of descriptor (default: {default or DEFAULT_PRESET}): {', '.join(PRESETS)}",
-    )
-    command.add_argument(
-        "--set",
-        dest="settings",
-        action="append",
-        type=setting,
-        metavar="KEY=VALUE",
-        help="a parameter of the preset, as in nablahog.presets, such as cell_size=8x6; may be repeated",
-    )
-
-
-def size(command: argparse.ArgumentParser, default: int | None = None) -> None:
-    """Adds ``--size``; without a ``default``, the command knows whether it was chosen."""
-    text = f"shrink photographs to at most N pixels on the longer side; 0 keeps their size (default: {default or SIZE})"
-    number(command, "--size", text, least=0, default=default)
+    add(command, "--images", path("DIR"), "folder of photographs (default: those of scikit-image)")
 
 
 def workers(command: argparse.ArgumentParser) -> None:
-    number(command, "--workers", "number of processes (default: one for each core)")
+    add(command, "--workers", integer(), "number of processes (default: one for each core)")
 
 
 def cluster(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--cluster",
-        metavar="CLUSTER",
-        help="work on a Dask cluster: local, local:N, tcp://HOST:PORT, or a scheduler's JSON file",
-    )
+    text = "work on a Dask cluster: local, local:N, tcp://HOST:PORT, or a scheduler's JSON file"
+    command.add_argument("--cluster", metavar="CLUSTER", help=text)
 
 
 def seed(command: argparse.ArgumentParser) -> None:
-    number(command, "--seed", "seed of all random numbers (default: 0)", least=0, default=0)
+    add_field(command, InvertRequest, "seed")

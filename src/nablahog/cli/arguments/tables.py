@@ -6,9 +6,11 @@ import argparse
 from collections.abc import Collection, Mapping
 
 from ...paper.names import AS_PUBLISHED, CONDITIONS, DIALECTS, LEARNED_DIALECTS, PRIORS, TABLE1, TABLE2
+from ...requests.dialect import DEFAULT_PRESET, Dialect
+from ...requests.inversion import HogRequest
+from ...requests.kinds import choice, integer, path, read_path
 from . import options
 from .options import Parser
-from .presets import DEFAULT_PRESET
 
 BOVW_SIZE = 128  # that of the images of Table 1
 KINDS = ("prior", "background", "hoggles", "bovw")
@@ -54,9 +56,10 @@ def learn(commands: argparse._SubParsersAction[Parser]) -> None:
         if kind == "prior":
             _prior(parser)
         if kind in ("background", "hoggles"):
-            options.preset(parser, "aubry" if kind == "background" else DEFAULT_PRESET)
+            options.add_field(parser, Dialect, "preset", "aubry" if kind == "background" else DEFAULT_PRESET)
+            options.add_field(parser, Dialect, "settings")
         if kind == "bovw":
-            options.size(parser, BOVW_SIZE)
+            options.add_field(parser, HogRequest, "size", BOVW_SIZE)
         if kind in ("background", "bovw"):
             options.cluster(parser)
         if kind in ("hoggles", "bovw"):
@@ -66,10 +69,11 @@ def learn(commands: argparse._SubParsersAction[Parser]) -> None:
 
 def _prior(command: argparse.ArgumentParser) -> None:
     signs = "for all descriptors of signed gradients, such as uoctti, or of unsigned ones, such as paper"
-    options.choice(command, "--signs", ("signed", "unsigned"), signs)
+    options.add(command, "--signs", choice(("signed", "unsigned")), signs, "signed")
     start = "continue the training of this prior; 'default' is the one that comes with nablahog"
-    options.file(command, "--start", "FILE", start)
-    options.number(command, "--epochs", "passes over the images (default: as many as take an hour or two on two cores)")
+    options.add(command, "--start", path("FILE"), start)
+    epochs = "passes over the images (default: as many as take an hour or two on two cores)"
+    options.add(command, "--epochs", integer(), epochs)
 
 
 def table1(commands: argparse._SubParsersAction[Parser]) -> None:
@@ -83,15 +87,14 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     options.images(command)
     _table(command, TABLE1, {"dialects": DIALECTS, "dialects-learned": LEARNED_DIALECTS, "published": AS_PUBLISHED})
-    options.number(command, "--limit", "only the first N images")
-    options.size(command, TABLE1_SIZE)
-    options.number(
-        command, "--max-evaluations", "at most N evaluations of the objective for each image; fewer are faster", least=2
-    )
+    options.add(command, "--limit", integer(), "only the first N images")
+    options.add_field(command, HogRequest, "size", TABLE1_SIZE)
+    most = "at most N evaluations of the objective for each image; fewer are faster"
+    options.add(command, "--max-evaluations", integer(2), most)
     command.add_argument(
         "--learned",
         action="append",
-        type=_learned,
+        type=options.typed(_learned),
         metavar="KIND=FILE",
         help=f"a file that `nablahog learn` wrote: {', '.join(LEARNED)}; may be repeated (default: the priors that "
         "come with nablahog; others are learned once from the photographs of scikit-image)",
@@ -111,14 +114,15 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
     command.add_argument(
         "annotations",
         nargs="?",
-        type=options.path,
+        type=options.typed(read_path),
         metavar="CSV",
         help="objects in your own photographs, one per line: columns image (relative to the file's folder), x0, y0, "
         "x1, y1 in pixels, azimuth, elevation, theta in degrees, and model if known (default: scenes)",
     )
     _table(command, TABLE2, {})
-    options.number(command, "--objects", f"number of objects (default: {SCENES} scenes, or all photographs)")
-    options.file(command, "--models", "DIR", "folder of CAD models (default: procedural chairs)")
+    number = f"number of objects (default: {SCENES} scenes, or all photographs)"
+    options.add(command, "--objects", integer(), number)
+    options.add(command, "--models", path("DIR"), "folder of CAD models (default: procedural chairs)")
     command.add_argument("--unknown-model", action="store_true", help="search among all models except the object's own")
     command.add_argument(
         "--conditions",
@@ -126,13 +130,12 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="NAME,…",
         help=f"conditions of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
     )
-    options.file(
-        command, "--viewpoints", "CSV", "viewpoints of the scenes: columns azimuth, elevation, and theta if known"
-    )
+    viewpoints = "viewpoints of the scenes: columns azimuth, elevation, and theta if known"
+    options.add(command, "--viewpoints", path("CSV"), viewpoints)
     command.add_argument(
         "--pascal3d",
         nargs=2,
-        type=options.path,
+        type=options.typed(read_path),
         metavar=("VOC2012", "PASCAL3D"),
         help="the chairs of PASCAL3D+: the folders VOC2012 and PASCAL3D+_release1.1",
     )
@@ -156,5 +159,5 @@ def _table(command: argparse.ArgumentParser, methods: Collection[str], sets: Map
 def _learned(text: str) -> tuple[str, str]:
     kind, equals, file = text.partition("=")
     if kind not in LEARNED or not equals:
-        raise argparse.ArgumentTypeError(f"expected KIND=FILE with a kind of {', '.join(LEARNED)}, got {text!r}")
-    return kind, options.path(file)
+        raise ValueError(f"expected KIND=FILE with a kind of {', '.join(LEARNED)}, got {text!r}")
+    return kind, read_path(file)

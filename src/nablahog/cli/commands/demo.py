@@ -13,10 +13,11 @@ from torch import Tensor
 
 from ...io.files import output_folder, write_text
 from ...io.images import limit_size, sample_photograph, write_image
-from ..arguments.presets import PRESETS
+from ...requests.dialect import PRESETS
+from ...requests.inversion import InvertRequest
 from ..inputs.sources import from_photo
 from ..results import inversion_page
-from ..results.inversion import Inversion, InversionOptions, PriorOptions, invert_batch
+from ..results.inversion import Inversion, invert_batch
 from ..terminal import counter, print_table, say_page
 
 SIZE = 256
@@ -34,18 +35,13 @@ REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and co
 
 def demo(arguments: Namespace) -> None:
     """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
-    prior, photo = PriorOptions(None, default=True), limit_size(sample_photograph("astronaut"), SIZE)
+    request, photo = InvertRequest(seed=arguments.seed), limit_size(sample_photograph("astronaut"), SIZE)
     with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []
         for name in DESCRIPTORS:
             source = from_photo("astronaut", name, photo, PRESETS[name](), size=0)
-            inversions += invert_batch(
-                [source],
-                device=torch.device("cpu"),
-                options=InversionOptions(seed=arguments.seed),
-                prior=prior.for_spec(source.spec),
-                progress=partial(progress, what=name),
-            )
+            progress_of = partial(progress, what=name)
+            inversions += invert_batch([source], request, device=torch.device("cpu"), progress=progress_of)
         _write(folder, photo, inversions)
     print_table([inversion.terminal_row() for inversion in inversions])
     say_page(folder / "index.html")

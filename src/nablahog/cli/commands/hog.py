@@ -20,11 +20,11 @@ from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
+from ...requests.inversion import GlyphRequest, HogRequest
 from ...runtime.extras import extra
 from ...runtime.text import counted, decoded
 from ...viz.pictures import glyph_image
-from ..arguments.options import SIZE
-from ..arguments.presets import SpecOptions
+from ..arguments.options import request_of
 from ..errors import SOME_SKIPPED, forbid_overwrite
 from ..inputs.sources import DATASET, Inputs, Source, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
@@ -59,7 +59,7 @@ def hog(arguments: Namespace) -> int:
             f"NAME{DATASET}, got {arguments.output}"
         )
     _check_stdout(arguments.output)
-    inputs = read_inputs(arguments, arrays=False)
+    inputs = read_inputs(arguments, request_of(HogRequest, arguments))
     _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)
     return inputs.skipping.status
 
@@ -74,7 +74,7 @@ def glyph(arguments: Namespace) -> int:
     if suffix != ".png" and suffix in Image.registered_extensions():
         raise ValueError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
     _check_stdout(arguments.output)
-    inputs = read_inputs(arguments)
+    inputs = read_inputs(arguments, request_of(GlyphRequest, arguments))
     _write_each(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
     return inputs.skipping.status
 
@@ -126,11 +126,13 @@ def hog_dataset(arguments: Namespace) -> int:
     with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import key_of_shard, shard_name
         from ...jobs.describing import ShardJob
-    spec = SpecOptions.of(arguments).spec()
+    request = request_of(HogRequest, arguments)
     paths, target = _paths(arguments), arguments.output.rstrip("/")
-    size = SIZE if arguments.size is None else arguments.size
     parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
-    jobs = [ShardJob(part, spec, size, f"{target}/{shard_name(number)}") for number, part in enumerate(parts)]
+    jobs = [
+        ShardJob(part, request.spec, request.longer_side, f"{target}/{shard_name(number)}")
+        for number, part in enumerate(parts)
+    ]
     _check_empty(target, [job.target for job in jobs])
     keys = [key_of_shard(job.target) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
@@ -175,7 +177,7 @@ def _paths(arguments: Namespace) -> list[str]:
 
 
 def _expanded(arguments: Namespace, names: list[str]) -> list[str]:
-    return expand(Namespace(**{**vars(arguments), "inputs": names}), image_endings()).paths
+    return expand(names, arguments, image_endings()).paths
 
 
 def _lines(name: str) -> list[str]:

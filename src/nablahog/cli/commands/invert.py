@@ -7,30 +7,26 @@ import json
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from ...invert import LearnedPrior
-from ...invert.learned import PriorChoice
 from ...io.files import output_folder, write_text
-from ...io.learned_model import load_once
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
+from ...requests.inversion import InvertRequest
 from ...runtime.cache import code_key
+from ..arguments.options import request_of
 from ..errors import Skipping, forbid_overwrite
 from ..inputs.sources import Source, read_inputs
 from ..inputs.templates import read_template_inputs
 from ..results import inversion_page
 from ..results.inversion import (
-    NO_PRIOR,
     PICTURES,
     Inversion,
-    InversionOptions,
-    PriorOptions,
     batches,
     invert_batch,
     picture_name,
@@ -42,32 +38,25 @@ LINES = 100  # of the table on the terminal
 NEGATIVE = 0.1  # share of negative entries that no descriptor has
 EVERY = 10.0  # seconds after which results.json is written again
 
-_EXCLUDED = {
-    "--template": ("--quality fast", "--method paper", "--prior", "--samples", "--cluster"),
-    "--method paper": ("--quality fast", "--prior", "--samples"),
-    "--samples": ("--prior none",),
-    "--cluster": ("--device",),
-}
-"""Options that exclude each other."""
 _STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are not pictures
 
 
 def invert(arguments: Namespace) -> int:
     """Finds an image for each descriptor, or what each detector looks for; returns the exit status."""
-    _check_options(arguments)
-    options = InversionOptions.of(arguments)
-    without = arguments.template or arguments.method == "paper"
-    prior = PriorOptions(None, default=False) if without else PriorOptions.of(arguments)
+    request = request_of(InvertRequest, arguments)
+    _check_cluster(arguments)
+    learned = request.learned_prior()
 
     def check(source: Source) -> None:
-        prior.check(source.spec)
+        if learned is not None:
+            learned.check(source.spec)
         if float((source.descriptor < 0).float().mean()) > NEGATIVE:
             inform(f"{source.path}: many entries are negative, as in the weights of a detector: try --template")
 
-    if arguments.template:
-        inputs = read_template_inputs(arguments)
+    if request.template:
+        inputs = read_template_inputs(arguments, request)
     else:
-        inputs = read_inputs(arguments, keep_photos=True, check=check, datasets=True)
+        inputs = read_inputs(arguments, request, keep_photos=True, check=check, datasets=True)
     folder = Path(arguments.output)
     names = [picture_name(source, what) for source in inputs.sources for what in PICTURES]
     forbid_overwrite(inputs.paths, [folder / name for name in (*names, "results.json", "index.html")])
@@ -77,7 +66,7 @@ def invert(arguments: Namespace) -> int:
         try:
             before = 0
             for sources in inputs.parts(check):
-                for index, inversion in search(sources, arguments, options, prior, inputs.skipping):
+                for index, inversion in search(sources, arguments, request, inputs.skipping):
                     written.add(before + index, inversion)
                 inputs.skipping.check()
                 before += len(sources)
@@ -85,54 +74,39 @@ def invert(arguments: Namespace) -> int:
             if written.inversions:
                 written.write()
         done = written.in_order()
-        lead = inversion_page.TEMPLATES if arguments.template else inversion_page.LEAD
+        lead = inversion_page.TEMPLATES if request.template else inversion_page.LEAD
         write_text(folder / "index.html", inversion_page.page(done, inputs.skipping.skipped, lead=lead))
     print_table([inversion.terminal_row() for inversion in done[:LINES]])
     if len(done) > LINES:
         say(f"and {len(done) - LINES:,} more in {folder / 'results.json'}")
     _say_unsure(done)
-    if arguments.samples and all(each.agreement is None for each in done):
+    if request.samples and all(each.agreement is None for each in done):
         say("No samples: these descriptors have signed gradients, which leave little open")
     say_page(folder / "index.html")
     return inputs.skipping.status
 
 
-def _check_options(arguments: Namespace) -> None:
-    """Raises ValueError if two options exclude each other."""
-    chosen = {
-        "--template": arguments.template,
-        "--quality fast": arguments.quality == "fast",
-        "--method paper": arguments.method == "paper",
-        "--prior": arguments.prior not in (None, NO_PRIOR),
-        "--prior none": arguments.prior == NO_PRIOR,
-        "--samples": arguments.samples,
-        "--cluster": arguments.cluster,
-        "--device": arguments.device != "cpu",
-    }
-    for one, others in _EXCLUDED.items():
-        for other in others:
-            if chosen[one] and chosen[other]:
-                raise ValueError(f"{one} and {other} exclude each other")
+def _check_cluster(arguments: Namespace) -> None:
+    """Raises ValueError if another option excludes ``--cluster``."""
+    others = {"--template": arguments.template, "--device": arguments.device != "cpu"}
+    for option, chosen in others.items():
+        if chosen and arguments.cluster:
+            raise ValueError(f"--cluster and {option} exclude each other")
 
 
 def _in_batches(
-    sources: Sequence[Source], arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping
+    sources: Sequence[Source], arguments: Namespace, request: InvertRequest, skipping: Skipping
 ) -> Iterator[tuple[int, Inversion]]:
     """Inverts sources of one spec and image size together, in this process; templates one by one."""
 
     def run(indices: Sequence[int], about: str) -> Iterator[tuple[int, Inversion]]:
         batch = [sources[index] for index in indices]
         with counter("nablahog invert") as progress:
-            inversions = invert_batch(
-                batch,
-                device=torch.device(arguments.device),
-                prior=prior.for_spec(batch[0].spec),
-                options=options,
-                progress=partial(progress, what=about),
-            )
+            device, progress_of = torch.device(arguments.device), partial(progress, what=about)
+            inversions = invert_batch(batch, request, device=device, progress=progress_of)
         yield from zip(indices, inversions, strict=True)
 
-    groups = [[index] for index in range(len(sources))] if options.template else batches(sources)
+    groups = [[index] for index in range(len(sources))] if request.template else batches(sources)
     for number, indices in enumerate(groups, start=1):
         about = f"batch {number} of {len(groups)}, {len(indices)} x {sources[indices[0]].spec.name}"
         try:
@@ -145,11 +119,10 @@ def _in_batches(
 
 
 def _on_cluster(
-    sources: Sequence[Source], arguments: Namespace, options: InversionOptions, prior: PriorOptions, skipping: Skipping
+    sources: Sequence[Source], arguments: Namespace, request: InvertRequest, skipping: Skipping
 ) -> Iterator[tuple[int, Inversion]]:
     """Inverts sources one by one, on a cluster; reads the results that an earlier run stored."""
-    file = None if prior.learned is None else Path(arguments.prior)
-    jobs = {index: InversionJob(source, options, file, prior.default) for index, source in enumerate(sources)}
+    jobs = {index: InversionJob(source, request) for index, source in enumerate(sources)}
     with counter("nablahog invert") as progress:
         outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
         for index, outcome in outcomes:
@@ -195,12 +168,10 @@ def _say_unsure(inversions: Sequence[Inversion]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class InversionJob:
-    """The inversion of a descriptor with a learned prior from a file, or by ``default`` that of the package."""
+    """The inversion of a descriptor."""
 
     source: Source
-    options: InversionOptions
-    prior: Path | None
-    default: bool
+    request: InvertRequest
 
     @property
     def name(self) -> str:
@@ -208,26 +179,29 @@ class InversionJob:
         return "inversions"
 
     def key(self) -> str:
-        """A hash of the descriptor, the photograph, the options, the prior, and the code that makes the result."""
+        """A hash of the descriptor, the photograph, the request, the prior, and the code that makes the result."""
         source = self.source
         photo = b"" if source.photo is None else source.photo.numpy().tobytes()
         facts = {
             "spec": source.spec.to_json(),
             "image_size": source.image_size,
             "photo": hashlib.sha256(photo).hexdigest(),
-            "options": asdict(self.options),
-            "prior": self.default if self.prior is None else digest(self.prior),
+            "request": asdict(self.request),
+            "prior": [digest(file) for file in self.files()],
             "code": code_key(InversionJob),
         }
         return key_of(facts, source.descriptor.numpy())
 
     def files(self) -> list[Path]:
         """The file of the prior, if there is one."""
-        return [] if self.prior is None else [self.prior]
+        return [] if self.request.prior_file is None else [self.request.prior_file]
 
     def run(self) -> JobResult:
         """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32."""
-        [result] = invert_batch([self.source], device=torch.device("cpu"), prior=self._prior(), options=self.options)
+        request, file = self.request, self.request.prior_file
+        if file is not None:
+            request = replace(request, prior=str(local_path(file)))
+        [result] = invert_batch([self.source], request, device=torch.device("cpu"))
         samples = [] if result.samples is None else list(result.samples)
         pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples)])
         figures = {name: getattr(result, name) for name in _STORED}
@@ -254,7 +228,3 @@ class InversionJob:
             samples=samples if len(samples) else None,
             **{name: figures[name] for name in _STORED},
         )
-
-    def _prior(self) -> PriorChoice:
-        given = None if self.prior is None else load_once(LearnedPrior, local_path(self.prior))
-        return PriorOptions(given, self.default).for_spec(self.source.spec)

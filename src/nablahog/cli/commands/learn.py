@@ -16,7 +16,8 @@ from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
 from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
-from ..arguments.presets import SpecOptions
+from ...requests.dialect import Dialect
+from ..arguments.options import request_of
 from ..terminal import counter, say, say_ignored
 
 SIZE = 512  # pixels on the longer side that photographs are shrunk to
@@ -63,7 +64,7 @@ def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
 def _spec(arguments: Namespace) -> HOGSpec:
     """The spec to learn for; of a prior, one of those that it is for."""
     if "preset" in arguments:
-        return SpecOptions.of(arguments).spec()
+        return request_of(Dialect, arguments).spec
     return presets.paper() if getattr(arguments, "signs", None) == "unsigned" else SPEC
 
 

@@ -91,9 +91,9 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
-        objects = [ListedObject(k, unicode_of(photo.name), box, arguments.init) for k, box in enumerate(boxes, 1)]
+        objects = [ListedObject(k, unicode_of(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
-    if arguments.box or arguments.init is not None or arguments.mask is not None:
+    if arguments.box or arguments.initial is not None or arguments.mask is not None:
         raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
     objects = read_objects(arguments.annotations)

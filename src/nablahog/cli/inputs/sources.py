@@ -6,7 +6,7 @@ import glob
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,13 +25,13 @@ from ...io.files import distinct_stems, local_name, natural_order
 from ...io.images import image_endings, limit_size, longer_side, read_image
 from ...io.input_file import InputFile
 from ...io.pixels import MAX_BYTES
+from ...requests.arrays import read_stored
+from ...requests.dialect import Dialect
+from ...requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
 from ...runtime.extras import extra
 from ...runtime.text import unicode_of
-from ..arguments.options import SIZE
-from ..arguments.presets import SpecOptions
 from ..errors import Skipping
 from ..terminal import inform
-from .arrays import ArrayOptions
 
 if TYPE_CHECKING:
     from ...io.descriptor_dataset import DescriptorDataset
@@ -41,18 +41,17 @@ DATASET = ".parquet"
 ROWS = 1000  # of a data set, in memory at a time
 
 
-def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
-    """The files that ``arguments.inputs`` stand for.
+def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str]) -> Inputs:
+    """The files that ``names`` stand for, in the inputs of a command.
 
     A folder stands for the files in it with one of the ``endings``, in natural order, without hidden files and
     subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match, unless it is the name of a file.
     """
     paths: list[str] = []
     empty: list[tuple[str, str]] = []
-    named = list(arguments.inputs)
-    if named.count(STDIN) > 1:
+    if names.count(STDIN) > 1:
         raise ValueError("stdin can be read once: expected one - among the inputs")
-    for name in named:
+    for name in names:
         if os.path.isdir(name):
             if os.path.realpath(name) == os.path.realpath(arguments.output):
                 raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
@@ -75,7 +74,7 @@ def expand(arguments: Namespace, endings: Collection[str]) -> Inputs:
     for name, reason in empty:
         with skipping.each(name):
             raise ValueError(f"{name}: {reason}")
-    return Inputs(paths, skipping, many=len(named) > 1 or paths != named)
+    return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
 
 
 def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
@@ -160,33 +159,31 @@ class Inputs:
 
 def read_inputs(
     arguments: Namespace,
+    request: HogRequest,
     *,
-    arrays: bool = True,
     keep_photos: bool = False,
     check: Callable[[Source], None] = lambda source: None,
     datasets: bool = False,
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
-    Photographs are shrunk to ``arguments.size`` pixels on the longer side (0: never; None: :data:`SIZE`),
-    and a line on stderr says so.
+    A line on stderr says whether photographs were shrunk without being asked for.
 
     Args:
         arguments: of the command.
-        arrays: whether inputs may be descriptors: files of this program, and arrays of other libraries.
+        request: which descriptors; of a :class:`.GlyphRequest`, inputs may be descriptors: files of this program, and
+            arrays of other libraries.
         keep_photos: whether the photographs are needed afterwards.
         check: raises ValueError for sources that cannot be used.
         datasets: whether inputs may be data sets of descriptors.
     """
-    spec_options = SpecOptions.of(arguments)
-    array_options = ArrayOptions.of(arguments) if arrays else None
     sets = [name for name in arguments.inputs if datasets and name.rstrip("/").endswith(DATASET)]
-    data = [_dataset(name, spec_options) for name in sets]
-    files = Namespace(**{**vars(arguments), "inputs": [name for name in arguments.inputs if name not in sets]})
-    others = [".npz", *([".npy", ".mat"] if spec_options.preset else [])] if arrays else []
-    expanded = expand(files, {*image_endings(), *others})
+    data = [_dataset(name, request) for name in sets]
+    files = [name for name in arguments.inputs if name not in sets]
+    others = [".npz", *([".npy", ".mat"] if request.preset else [])] if isinstance(request, GlyphRequest) else []
+    expanded = expand(files, arguments, {*image_endings(), *others})
     expanded.skipping.count += sum(map(len, data))
-    reader = _Reader(arguments, spec_options, array_options)
+    reader = _Reader(request)
 
     def read(file: InputFile, stem: str) -> list[Source]:
         source = reader.read(file, stem)
@@ -196,9 +193,9 @@ def read_inputs(
     sources = read_each(expanded, read)
     if reader.shrunk:
         which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
-        inform(f"{which} shrunk to {SIZE} pixels; --size 0 keeps the full size")
-    if array_options is not None and not reader.arrays:
-        array_options.check_unused()
+        inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
+    if not reader.arrays:
+        _check_no_array(request)
     return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
@@ -213,47 +210,55 @@ def read_each(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) 
     return sources
 
 
-def _dataset(name: str, options: SpecOptions) -> DescriptorDataset:
-    """A data set of descriptors; raises ValueError if there is none, or its spec contradicts the options."""
+def _check_no_array(request: HogRequest) -> None:
+    """Raises ValueError if the request is about arrays."""
+    for option in ("image_size", "key"):
+        if getattr(request, option, None) is not None:
+            raise ValueError(
+                f"--{option.replace('_', '-')} goes with arrays of other libraries, but no input is one "
+                "(.npy, .npz, .mat)"
+            )
+
+
+def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
+    """A data set of descriptors; raises ValueError if there is none, or its spec contradicts the dialect."""
     with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import DescriptorDataset
     data = DescriptorDataset(name)
     with naming(Path(name)):
-        options.check(data.spec)
+        dialect.check(data.spec)
     return data
 
 
 @dataclass
 class _Reader:
-    """Reads inputs with the same options; counts arrays, and photographs that were shrunk without ``--size``."""
+    """Reads inputs; counts arrays, and photographs that were shrunk without being asked for."""
 
-    arguments: Namespace
-    spec_options: SpecOptions
-    array_options: ArrayOptions | None
+    request: HogRequest
     arrays: int = 0
     shrunk: int = 0
 
     def read(self, file: InputFile, stem: str) -> Source:
-        if self.array_options is not None and is_raw(file):
+        request = self.request
+        if isinstance(request, GlyphRequest) and is_raw(file):
             if is_dpm_file(file):
                 raise ValueError(f"{file}: expected a descriptor, got a detector: see `nablahog invert --template`")
             self.arrays += 1
-            return _from_stored(file.name, stem, self.array_options.read(file, self.spec_options))
+            return _from_stored(file.name, stem, read_stored(file, request))
         if is_archive(file):
             stored = load_descriptor(file)
             with naming(file):
-                self.spec_options.check(stored.spec)
+                request.check(stored.spec)
             return _from_stored(file.name, stem, stored)
-        size = SIZE if self.arguments.size is None else self.arguments.size
         try:
-            photo = read_image(file, size)
+            photo = read_image(file, request.longer_side)
         except ValueError as error:
-            if self.array_options is None or file.ending in image_endings():
+            if not isinstance(request, GlyphRequest) or file.ending in image_endings():
                 raise
             raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
         shrunk = longer_side(file) > max(photo.shape)
-        self.shrunk += shrunk and self.arguments.size is None
-        return from_photo(file.name, stem, photo, self.spec_options.spec(), size=size, shrunk=shrunk)
+        self.shrunk += shrunk and request.size is None
+        return from_photo(file.name, stem, photo, request.spec, size=request.longer_side, shrunk=shrunk)
 
 
 def _from_stored(path: str, stem: str, stored: StoredDescriptor) -> Source:

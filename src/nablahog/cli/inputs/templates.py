@@ -18,8 +18,8 @@ from ...io.arrays import is_raw, naming, read_array
 from ...io.descriptor_file import Fit
 from ...io.dpm_file import is_dpm_file, load_dpm
 from ...io.input_file import InputFile, Readable, input_file
-from ..arguments.presets import SpecOptions
-from .arrays import ArrayOptions
+from ...requests.arrays import fit_array, suggesting
+from ...requests.inversion import GlyphRequest
 from .sources import Inputs, Source, expand, read_each
 
 # width x height of the windows of OpenCV's people detectors, by the number of their weights
@@ -28,15 +28,14 @@ OPENCV_ENDINGS = (".yml", ".yaml", ".xml", ".json")  # of what cv2.HOGDescriptor
 SIGNS = {"positive": 1, "negative": -1}
 
 
-def read_template_inputs(arguments: Namespace) -> Inputs:
+def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:
     """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives."""
-    spec_options, array_options = SpecOptions.of(arguments), ArrayOptions.of(arguments)
-    expanded = expand(arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
+    expanded = expand(arguments.inputs, arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
 
     def read(file: InputFile, stem: str) -> list[Source]:
         return [
             _signed(template, f"{stem}_{number}" if template.part else stem, sign)
-            for number, template in enumerate(read_templates(file, spec_options, array_options), start=1)
+            for number, template in enumerate(read_templates(file, request), start=1)
             for sign in SIGNS
         ]
 
@@ -51,7 +50,7 @@ def _signed(template: Source, stem: str, sign: str) -> Source:
     return replace(template, stem=f"{stem}_{sign}", descriptor=weights, part=part)
 
 
-def read_templates(path: Readable, spec_options: SpecOptions, array_options: ArrayOptions) -> list[Source]:
+def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
     """The templates in a file: weights in place of descriptors; of several, ``part`` says which one it is.
 
     It is a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved with its detector (.yml, .xml, .json, also
@@ -74,9 +73,9 @@ def read_templates(path: Readable, spec_options: SpecOptions, array_options: Arr
             Source(file.name, "", part.weights, spec, spec.image_size(*part.weights.shape[:2]), None, part.name)
             for part in model.filters
         ]
-    array = read_array(file, array_options.key)
-    with naming(file):
-        return [_from_array(file.name, array, spec_options, array_options)]
+    array = read_array(file, request.key)
+    with naming(file), suggesting(array, request.image_size):
+        return [_from_array(file.name, array, request)]
 
 
 def _from_opencv(file: InputFile) -> Source:
@@ -93,12 +92,10 @@ def _from_opencv(file: InputFile) -> Source:
     return Source(file.name, "", descriptor[0].contiguous(), hog.spec, (height, width), None)
 
 
-def _from_array(
-    path: str, array: NDArray[np.floating], spec_options: SpecOptions, array_options: ArrayOptions
-) -> Source:
+def _from_array(path: str, array: NDArray[np.floating], request: GlyphRequest) -> Source:
     if array.size == max(array.shape, default=0):
         array = array.reshape(-1)
-    spec, how = _fit(array.shape, spec_options, array_options)
+    spec, how = _fit(array.shape, request)
     weights = torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
     if math.prod(how.shape) < array.size:  # a bias follows
         weights = weights[:-1]
@@ -107,17 +104,17 @@ def _from_array(
     return Source(path, "", descriptor, spec, how.image_size, None)
 
 
-def _fit(shape: tuple[int, ...], spec_options: SpecOptions, array_options: ArrayOptions) -> tuple[HOGSpec, Fit]:
+def _fit(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, Fit]:
     lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
-    if spec_options.preset is None:
+    if request.preset is None:
         for length in lengths:
             if length in OPENCV_WINDOWS:
-                window = SpecOptions("opencv", (("win_size", OPENCV_WINDOWS[length]),))
-                return ArrayOptions().fitting((length,), window)
+                window = GlyphRequest(preset="opencv", settings={"win_size": OPENCV_WINDOWS[length]})
+                return fit_array((length,), window)
     try:
-        return array_options.fitting(shape, spec_options)
+        return fit_array(shape, request)
     except ValueError:
         if lengths:
             with suppress(ValueError):
-                return array_options.fitting((lengths[1],), spec_options)
+                return fit_array((lengths[1],), request)
         raise

@@ -1,12 +1,11 @@
-"""Inversion of sources in batches: the prior of the option ``--prior``, images, figures and files."""
+"""Inversion of sources in batches: images, figures and files."""
 
 from __future__ import annotations
 
 import math
-from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,15 @@ from PIL import Image
 from torch import Tensor
 
 from ... import metrics
-from ...hog import HOGSpec
 from ...invert import AsPublished, reconstruct, reconstruct_samples
-from ...invert.choices import InversionMethod, QualityName
-from ...invert.learned import LearnedPrior, PriorChoice, default_prior_file, default_priors
+from ...invert.learned import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
-from ...io.learned_model import load_once
+from ...requests.inversion import InvertRequest
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
 from ..inputs.sources import Source
 from ..terminal import inform
 
-NO_PRIOR = "none"
 MEASURES = {
     "CC": metrics.cross_correlation,
     "MI": metrics.mutual_information,
@@ -37,57 +33,6 @@ MEASURES = {
 PICTURES = ("preimage", "glyphs", "thumbnails", "iterations", "samples")
 SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
-
-
-@dataclass
-class PriorOptions:
-    """The prior for inversions: that of the file of ``--prior``, or those of the package."""
-
-    learned: LearnedPrior | None
-    default: bool
-
-    @classmethod
-    def of(cls, arguments: Namespace) -> PriorOptions:
-        """Reads the option ``--prior``."""
-        if arguments.prior in (None, NO_PRIOR):
-            return cls(None, arguments.prior is None)
-        return cls(load_once(LearnedPrior, Path(arguments.prior)), False)
-
-    def check(self, spec: HOGSpec) -> None:
-        """Raises ValueError if the prior in the file is not for descriptors of ``spec``."""
-        if self.learned is not None:
-            self.learned.check(spec)
-
-    def for_spec(self, spec: HOGSpec) -> PriorChoice:
-        """The priors for descriptors of ``spec``; a line on stderr if the package's were not installed."""
-        if not self.default or default_prior_file(spec) is None:
-            return self.learned
-        try:
-            return default_priors(spec)
-        except FileNotFoundError as error:
-            self.default = False  # said once
-            inform(f"Inverting without a learned prior: {error}")
-            return None
-
-
-@dataclass(frozen=True, kw_only=True)
-class InversionOptions:
-    """How descriptors are inverted, as :func:`nablahog.reconstruct` has it.
-
-    ``samples`` is the number of further answers to unsigned descriptors, drawn from the prior; with ``template``,
-    sources have a template's weights in place of a descriptor.
-    """
-
-    seed: int
-    quality: QualityName = "best"
-    method: InversionMethod = "default"
-    samples: int | None = None
-    template: bool = False
-
-    @classmethod
-    def of(cls, arguments: Namespace) -> InversionOptions:
-        """Reads the options of the command with the same names."""
-        return cls(**{each.name: getattr(arguments, each.name) for each in fields(cls)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +175,9 @@ def batches(sources: Sequence[Source]) -> list[list[int]]:
 
 def invert_batch(
     sources: Sequence[Source],
+    request: InvertRequest,
     *,
     device: torch.device,
-    options: InversionOptions,
-    prior: PriorChoice = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Inversion]:
     """The inversions of sources of one spec and image size, searched together; templates only one at a time.
@@ -242,19 +186,20 @@ def invert_batch(
     """
     descriptors = torch.stack([source.descriptor for source in sources]).to(device)
     spec, image_size = sources[0].spec, sources[0].image_size
-    every: dict[str, Any] = {"seed": options.seed, "progress": progress}
-    ours = {**every, "quality": options.quality}
-    if options.template:
-        result = reconstruct_template(descriptors, spec, image_size, **every)
-    elif options.method == "paper":
-        result = reconstruct(descriptors, spec, image_size, method=AsPublished(keep_iterates=True), **every)
+    if request.template:
+        seed = request.seed
+        result = reconstruct_template(descriptors, spec, image_size, seed=seed, progress=progress)
     else:
-        result = reconstruct(descriptors, spec, image_size, prior=prior, **ours)
+        prior = _priors_for(sources[0], request)
+        asked = {**request.keywords(), "prior": prior, "progress": progress}
+        if request.method == "paper":
+            asked["method"] = AsPublished(keep_iterates=True)
+        result = reconstruct(descriptors, spec, image_size, **asked)
     drawn = None
-    if options.samples is not None and prior is not None and result.polarity_confidence is not None:
-        drawn = reconstruct_samples(descriptors, spec, image_size, count=options.samples, prior=prior, **ours)
+    if request.samples is not None and prior is not None and result.polarity_confidence is not None:
+        drawn = reconstruct_samples(descriptors, spec, image_size, count=request.samples, **asked)
     polarity = result.polarity_confidence
-    if options.template and not spec.signed:
+    if request.template and not spec.signed:
         polarity = torch.full((len(sources),), 0.5)
     inversions = []
     for index, source in enumerate(sources):
@@ -273,6 +218,20 @@ def invert_batch(
         )
         inversions.append(inversion)
     return inversions
+
+
+def _priors_for(source: Source, request: InvertRequest) -> PriorChoice:
+    """The priors for a source; none, and a line on stderr, if those of the package were not installed."""
+    try:
+        return request.priors_for(source.spec)
+    except FileNotFoundError as error:
+        if request.prior_file is not None:
+            raise
+        _inform_once(f"Inverting without a learned prior: {error}")
+        return None
+
+
+_inform_once = cache(inform)
 
 
 def _measures(preimage: Tensor, reference: Tensor | None, distance: float) -> dict[str, float | None]:

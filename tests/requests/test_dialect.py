@@ -1,4 +1,4 @@
-"""Presets on the command line: their parameters as texts, which spec they ask for, and what contradicts them."""
+"""Kinds of descriptors: parameters of presets as texts, which spec they ask for, and what contradicts them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any, Literal, Optional
 import pytest
 
 from nablahog import presets
-from nablahog.cli.arguments.presets import (
+from nablahog.hog import HOGSpec
+from nablahog.requests.dialect import (
     PRESETS,
-    SpecOptions,
+    Dialect,
     as_text,
     defaults_of,
     make_spec,
@@ -17,7 +18,6 @@ from nablahog.cli.arguments.presets import (
     parsed,
     window_of,
 )
-from nablahog.hog import HOGSpec
 
 PAIR = tuple[int, int]
 
@@ -61,8 +61,8 @@ def test_texts_of_no_such_value(text: str, hint: Any, expected: str) -> None:
 def test_every_parameter_of_every_preset_can_be_written(name: str) -> None:
     defaults = defaults_of(name)
     assert list(parameters_of(name)) == list(defaults)
-    texts = tuple((key, as_text(value)) for key, value in defaults.items())
-    spec = SpecOptions(name, settings=texts).spec()
+    texts = {key: as_text(value) for key, value in defaults.items()}
+    spec = Dialect(name, texts).spec
     assert spec == make_spec(name, {}) == (presets.aubry(8) if name == "aubry" else getattr(presets, name)())
 
 
@@ -73,23 +73,22 @@ def test_windows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "spec"),
+    ("dialect", "spec"),
     [
-        (SpecOptions(), presets.uoctti(8)),
-        (SpecOptions("aubry"), presets.aubry(8)),
-        (SpecOptions("paper", (("cell_size", "8x6"),)), presets.paper((8, 6))),
-        (SpecOptions("vlfeat", (("bilinear_orientations", "true"),)), presets.vlfeat(bilinear_orientations=True)),
-        (SpecOptions("maskfeat", (("nbins", "6"), ("nbins", "7"))), presets.maskfeat(nbins=7)),
-        (SpecOptions(settings=(("orientations", "6"),)), presets.uoctti(orientations=6)),
+        (Dialect(), presets.uoctti(8)),
+        (Dialect("aubry"), presets.aubry(8)),
+        (Dialect("paper", {"cell_size": "8x6"}), presets.paper((8, 6))),
+        (Dialect("vlfeat", {"bilinear_orientations": "true"}), presets.vlfeat(bilinear_orientations=True)),
+        (Dialect(settings={"orientations": "6"}), presets.uoctti(orientations=6)),
     ],
 )
-def test_what_options_ask_for(options: SpecOptions, spec: HOGSpec) -> None:
-    assert options.spec() == spec
+def test_what_options_ask_for(dialect: Dialect, spec: HOGSpec) -> None:
+    assert dialect.spec == spec
 
 
 def _refusal(name: str, key: str, text: str) -> str | None:
     try:
-        SpecOptions(name, ((key, text),))
+        Dialect(name, {key: text})
     except ValueError as error:
         return str(error)
     return None
@@ -104,19 +103,19 @@ def test_any_small_value_is_a_spec_or_a_sentence(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "spec", "differing"),
+    ("dialect", "spec", "differing"),
     [
-        (SpecOptions("skimage"), presets.skimage(feature_vector=False), None),  # another layout of the same
-        (SpecOptions("skimage"), presets.skimage(pixels_per_cell=(6, 6)), None),  # not asked for
-        (SpecOptions("skimage", (("pixels_per_cell", "8"),)), presets.skimage(pixels_per_cell=(6, 6)), "cell_size"),
-        (SpecOptions("uoctti", (("vote", "hard"),)), presets.uoctti(), "vote"),
-        (SpecOptions("dlib"), presets.dpm(), "name"),
-        (SpecOptions("paper"), presets.paper(bins=6), "bins"),
+        (Dialect("skimage"), presets.skimage(feature_vector=False), None),  # another layout of the same
+        (Dialect("skimage"), presets.skimage(pixels_per_cell=(6, 6)), None),  # not asked for
+        (Dialect("skimage", {"pixels_per_cell": "8"}), presets.skimage(pixels_per_cell=(6, 6)), "cell_size"),
+        (Dialect("uoctti", {"vote": "hard"}), presets.uoctti(), "vote"),
+        (Dialect("dlib"), presets.dpm(), "name"),
+        (Dialect("paper"), presets.paper(bins=6), "bins"),
     ],
 )
-def test_descriptor_files_and_options(options: SpecOptions, spec: HOGSpec, differing: str | None) -> None:
+def test_descriptor_files_and_options(dialect: Dialect, spec: HOGSpec, differing: str | None) -> None:
     if differing is None:
-        options.check(spec)
+        dialect.check(spec)
     else:
         with pytest.raises(ValueError, match=f"another spec than asked for: its {differing} is"):
-            options.check(spec)
+            dialect.check(spec)

@@ -1,4 +1,4 @@
-"""The presets by name, their parameters as texts of a command line, and the options ``--preset`` and ``--set``."""
+"""A kind of descriptor: a preset by its name, and its parameters as texts."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import dataclasses
 import inspect
 import math
 import re
-from argparse import Namespace
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from ...hog import HOGSpec, presets
-from ...runtime.text import did_you_mean
+from ..hog import HOGSpec, presets
+from ..runtime.text import did_you_mean
+from .kinds import SETTING, choice
+from .options import option
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
 DEFAULT_PRESET = "uoctti"
@@ -104,60 +106,67 @@ def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
 
 
 @dataclass(frozen=True)
-class SpecOptions:
-    """The options that choose a spec.
+class Dialect:
+    """The kind of a descriptor."""
 
-    Attributes:
-        preset: a key of :data:`~nablahog.cli.arguments.presets.PRESETS`; None if it was not chosen.
-        settings: parameters of the preset, (name, value) as texts; the last of a name counts.
-    """
-
-    preset: str | None = None
-    settings: tuple[tuple[str, str], ...] = ()
-
-    @classmethod
-    def of(cls, arguments: Namespace) -> SpecOptions:
-        """Reads the options ``--preset`` and ``--set``."""
-        return cls(arguments.preset, tuple(arguments.settings or ()))
+    preset: str | None = option(
+        None, f"kind of descriptor: {', '.join(PRESETS)}", choice(PRESETS), on_page=True, stands_for=DEFAULT_PRESET
+    )
+    settings: Mapping[str, str] = option(
+        dict,
+        "a parameter of the preset, as in nablahog.presets, such as cell_size=8x6; may be repeated",
+        SETTING,
+        flag="--set",
+        on_page=True,
+    )
 
     def __post_init__(self) -> None:
-        self.spec()
+        if self.preset is not None and self.preset not in PRESETS:
+            raise ValueError(f"there is no preset {self.preset!r}; there are {', '.join(PRESETS)}")
+        _ = self.spec
 
     @property
     def name(self) -> str:
+        """The preset."""
         return self.preset or DEFAULT_PRESET
 
     def parameters(self) -> dict[str, Any]:
-        """The parameters of the preset that options set."""
+        """The parameters of the preset that are set, with their values."""
         hints, parameters = parameters_of(self.name), {}
-        for key, text in self.settings:
+        for key, text in self.settings.items():
             if key not in hints:
                 meant = did_you_mean(key, hints)
-                raise ValueError(f"--set: {self.name} has no parameter {key!r}; it has {', '.join(hints)}{meant}")
+                raise ValueError(f"{self.name} has no parameter {key!r}; it has {', '.join(hints)}{meant}")
             try:
                 parameters[key] = parsed(text, hints[key])
             except ValueError as error:
-                raise ValueError(f"--set {key}: {error}") from None
+                raise ValueError(f"{key}: {error}") from None
         return parameters
 
+    @cached_property
     def spec(self) -> HOGSpec:
-        """The spec of photographs: the options, completed by the defaults."""
+        """The spec of photographs: what was asked for, completed by the defaults."""
         return make_spec(self.name, self.parameters())
 
+    @property
+    def python(self) -> str:
+        """The Python that makes the spec."""
+        parameters = {**_OTHER_DEFAULTS.get(self.name, {}), **self.parameters()}
+        return f"nablahog.presets.{self.name}({', '.join(f'{name}={value!r}' for name, value in parameters.items())})"
+
     def check(self, spec: HOGSpec) -> None:
-        """Raises ValueError if ``spec``, of a descriptor file, contradicts the options."""
+        """Raises ValueError if ``spec``, of a descriptor file, contradicts what was asked for."""
         if self.preset is None and not self.settings:
             return
-        expected, set_ones = self.spec(), dict(self.settings)
         compared = [
             field.name
-            for field in dataclasses.fields(expected)
-            if field.name not in _ONLY_IF_SET or not {*_ONLY_IF_SET[field.name]}.isdisjoint(set_ones)
+            for field in dataclasses.fields(self.spec)
+            if field.name not in _ONLY_IF_SET or not {*_ONLY_IF_SET[field.name]}.isdisjoint(self.settings)
         ]
-        differing = [name for name in compared if getattr(spec, name) != getattr(expected, name)]
+        differing = [name for name in compared if getattr(spec, name) != getattr(self.spec, name)]
         if set(differing) - {*_FREE}:
             field = differing[0]  # the name, if it differs, says it best
             raise ValueError(
                 f"a descriptor of another spec than asked for: its {field} is {getattr(spec, field)!r}, "
-                f"not {getattr(expected, field)!r}"
+                f"not {getattr(self.spec, field)!r}"
             )

@@ -1,0 +1,114 @@
+"""What ``nablahog pose``, and the view of the page, can be asked."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias, get_args
+
+from ..pose.options import SearchMethod
+from .kinds import Kind, integer, number, numbers, path
+from .options import keywords, option
+
+Sides: TypeAlias = tuple[float, float, float, float]
+LEAST_CONFIDENCE = 0.3
+_PIXELS = number("PIXELS", "a number above 0, exif or unknown", 0, above=True)
+
+
+def _check_view(azimuth: float, elevation: float) -> None:
+    if not -90 <= elevation <= 90:
+        raise ValueError(f"expected an elevation in -90…90 degrees, got {elevation:g}")
+
+
+def _read_focal(text: str) -> float | str:
+    if text.lower().endswith("mm"):
+        raise ValueError(
+            f"expected pixels, got {text!r}: multiply by the photograph's diagonal, in pixels, over the sensor's, "
+            "which is 43.3mm if the lens is named by its equivalent for 35mm film"
+        )
+    return text if text in ("exif", "unknown") else float(_PIXELS.read(text))
+
+
+def _write_focal(focal: float | str) -> str:
+    return focal if isinstance(focal, str) else f"{focal:g}"
+
+
+def _read_axis(text: str) -> str:
+    if not re.fullmatch("[+-]?[xyz]", text):
+        raise ValueError(f"expected x, y or z, with a sign or without, got {text!r}")
+    return text
+
+
+def _first(boxes: list[Sides]) -> Sides | None:
+    """The box of the first object; the command makes a request for each."""
+    return boxes[0] if boxes else None
+
+
+AXIS = Kind("AXIS", _read_axis)
+BOX = replace(numbers("x0,y0,x1,y1"), collect=_first)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseRequest:
+    """The pose of the object in a box of a photograph."""
+
+    mesh: str | None = option(
+        None,
+        "a CAD model: OFF, PLY, STL, OBJ, GLB, or a folder of them (default: the chairs of nablahog.sample_chairs)",
+        path("FILE_or_DIR"),
+    )
+    up: str | None = option(
+        None, "the axis of the models that points up, such as --up=-z (default: y for OBJ, GLB and glTF, else z)", AXIS
+    )
+    front: str | None = option(None, "the axis that their front faces (default: -y if z is up, +z if y is up)", AXIS)
+    box: Sides | None = option(
+        None,
+        "a rough box around each object, in pixels; repeatable (default: search everywhere)",
+        BOX,
+        keyword=True,
+        on_page=True,
+    )
+    mask: str | None = option(None, "an image, white where the object is, black elsewhere", path("FILE"))
+    annotations: str | None = option(
+        None,
+        "list of objects: .csv with image and, if known, x0, y0, x1, y1, azimuth, elevation; or .json like COCO's",
+        path("FILE"),
+    )
+    initial: tuple[float, float] | None = option(
+        None,
+        "initial azimuth and elevation, roughly, if known, such as --init=-30,10",
+        numbers("az,el", _check_view),
+        flag="--init",
+        keyword=True,
+        on_page=True,
+    )
+    within: float = option(
+        180.0,
+        "most that the azimuth may differ from --init",
+        number("DEGREES", "a number above 0 and at most 180", 0, 180, above=True),
+        keyword=True,
+    )
+    focal: float | str | None = option(
+        None,
+        "focal length in pixels, exif to read it from the file, or unknown (default: exif if the file has it)",
+        Kind("PIXELS", _read_focal, _write_focal),
+        keyword=True,
+        on_page=True,
+    )
+    principal_point: tuple[float, float] | None = option(
+        None, "where the optical axis is, in pixels (default: the middle)", numbers("x,y"), keyword=True
+    )
+    method: SearchMethod = option(
+        "best", f"how to search: {', '.join(get_args(SearchMethod))}", keyword=True, on_page=True
+    )
+    least_confidence: float = option(
+        LEAST_CONFIDENCE,
+        "exit with status 4 if the rotation is less likely than P to be within 15 degrees",
+        number("P", "a probability in 0…1", 0, 1),
+    )
+    seed: int = option(0, "seed of all random numbers", integer(0), keyword=True, on_page=True)
+    page: bool = option(False, "write a page of pictures for each object, too")
+
+    def keywords(self) -> dict[str, Any]:
+        """The keywords of :func:`nablahog.estimate_pose` that ask for the same."""
+        return keywords(self, PoseRequest)
