@@ -14,7 +14,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog.app.invert import invert
-from nablahog.app.requests import InvertMessage
+from nablahog.app.messages import InvertMessage
 from nablahog.app.store import Store
 from nablahog.app.work_queue import Cancelled, CancelToken
 

@@ -12,7 +12,7 @@ import torch
 
 from nablahog.app import server
 from nablahog.app.lines import FitFiles, for_pose
-from nablahog.app.requests import RequestError
+from nablahog.app.messages import RequestError
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 from nablahog.requests.pose import PoseRequest

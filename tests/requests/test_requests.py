@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import nablahog
-from nablahog.app.requests import Fit, HogMessage, InvertMessage, PoseMessage, RequestError, decoded
+from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, RequestError, decoded
 from nablahog.cli.arguments.options import request_of
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest

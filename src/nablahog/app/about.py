@@ -14,7 +14,7 @@ from ..paper.learned import shipped_files
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..requests.options import Option, options_of
 from .access import MOST_BYTES
-from .requests import INVERT_SIZE, SEE_SIZE, Fit, HogMessage, InvertMessage
+from .messages import INVERT_SIZE, SEE_SIZE, Fit, HogMessage, InvertMessage
 from .store import MeshEntry, Photograph, Store
 
 KINDS = {int: "integer", float: "number", bool: "boolean", tuple: "pair"}

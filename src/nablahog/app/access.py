@@ -17,7 +17,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from .requests import RequestError
+from .messages import RequestError
 
 MOST_BYTES = 64 * 2**20  # in an upload
 MOST_JSON = 2**16

@@ -24,9 +24,8 @@ from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
-from .answers import encoded, glyphs, png
 from .lines import FitFiles, for_pose
-from .requests import Open, Pose, PoseMessage, RequestError, as_request_error
+from .messages import Open, Pose, PoseMessage, RequestError, as_request_error, encoded, glyphs, png
 from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 

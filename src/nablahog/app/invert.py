@@ -20,9 +20,8 @@ from ..invert.histograms import recover_histograms, searchable, starting_images
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, InvertRequest
-from .answers import encoded, png
 from .lines import for_inversion
-from .requests import INVERT_SIZE, InvertMessage, RequestError, as_request_error
+from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, encoded, png
 from .see import requested_descriptor
 from .store import DescriptorEntry, Photograph, Store
 from .work_queue import CancelToken

@@ -16,9 +16,8 @@ from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..requests.dialect import as_text
 from ..viz.pictures import edge_votes
-from .answers import glyphs
 from .lines import for_glyphs, for_hog
-from .requests import HogMessage, InvertMessage, RequestError, as_request_error
+from .messages import HogMessage, InvertMessage, RequestError, as_request_error, glyphs
 from .store import DescriptorEntry, Photograph, Store
 
 

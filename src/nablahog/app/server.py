@@ -23,10 +23,9 @@ from ..render import sample_chairs
 from . import see, store
 from .about import about
 from .access import AccessMiddleware, AccessRules
-from .answers import png
 from .fit import Fitting
 from .invert import invert
-from .requests import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decoded
+from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decoded, png
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue

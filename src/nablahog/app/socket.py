@@ -12,7 +12,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from .fit import Fitting
-from .requests import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decoded_fit_message
+from .messages import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decoded_fit_message
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 

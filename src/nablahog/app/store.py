@@ -31,7 +31,7 @@ from ..requests.inversion import GlyphRequest
 from ..requests.kinds import SIZE
 from . import lines
 from .lines import Reading
-from .requests import GONE, SEE_SIZE, RequestError, as_request_error, from_json
+from .messages import GONE, SEE_SIZE, RequestError, as_request_error, from_json
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept

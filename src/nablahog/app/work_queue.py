@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TypeVar
 
-from .requests import RequestError
+from .messages import RequestError
 
 T = TypeVar("T")
 WAITING = 3  # frames of a search that wait for a slow page; more are dropped

@@ -14,9 +14,8 @@ from typing import NoReturn
 from ..requests.kinds import integer
 from ..runtime.text import one_line
 from .arguments import options
-from .arguments.invert import demo, glyph, hog, invert
 from .arguments.options import Parser
-from .arguments.pose import pose
+from .arguments.requests import demo, glyph, hog, invert, pose
 from .arguments.tables import KINDS, learn, table1, table2
 from .errors import MOST_CHARACTERS, tell, worded
 

@@ -7,7 +7,7 @@ import json
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +17,8 @@ import torch
 from ...io.files import output_folder, write_text
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
-from ...requests.inversion import InvertRequest
+from ...requests.inversion import GlyphRequest, InvertRequest
+from ...requests.options import changed
 from ...runtime.cache import code_key
 from ..arguments.options import request_of
 from ..errors import Skipping, forbid_overwrite
@@ -186,8 +187,12 @@ class InversionJob:
             "spec": source.spec.to_json(),
             "image_size": source.image_size,
             "photo": hashlib.sha256(photo).hexdigest(),
-            "request": asdict(self.request),
-            "prior": [digest(file) for file in self.files()],
+            "request": {
+                each.name: value
+                for each, value in changed(self.request, InvertRequest, beyond=GlyphRequest)
+                if each.name != "prior"
+            },
+            "prior": [digest(file) for file in self.files()] or self.request.prior,
             "code": code_key(InversionJob),
         }
         return key_of(facts, source.descriptor.numpy())

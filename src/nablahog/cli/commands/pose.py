@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -21,12 +21,14 @@ from ...paper.lists import ListedObject, read_objects
 from ...paper.models import Models, read_models
 from ...pose import estimate_pose
 from ...pose.crop import masked
-from ...pose.options import Lens, SearchMethod
+from ...pose.options import Lens
 from ...pose.result import pose_figures
 from ...render import Mesh, load_mesh, sample_chairs
 from ...render.mesh import Y_UP, axes
+from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.text import unicode_of
+from ..arguments.options import request_of
 from ..errors import REFUSED, SOME_SKIPPED, forbid_overwrite, tell
 from ..results.pose_files import PosedObject, names, rows, write
 from ..results.pose_page import close_up, pose_page
@@ -34,6 +36,8 @@ from ..terminal import counter, inform, print_table, say_page
 
 SIDE = 160  # pixels of the picture of an object
 AXES = "; if y points up in the file of the model, use --up y --front=+z"
+_NO_PART_OF_A_RESULT: dict[str, Any] = {"mesh": None, "mask": None, "annotations": None, "least_confidence": 0.0}
+"""Fields of a request that do not change a stored result: the content of files counts, not their names."""
 _FILL = 0.8  # share of that for the longer side of the box
 
 
@@ -44,19 +48,23 @@ def pose(arguments: Namespace) -> int:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
     """
+    request = request_of(PoseRequest, arguments)
     objects, photos = _objects(arguments)
-    if arguments.within < 180 and all(one.initial is None for one in objects):
+    if request.within < 180 and all(one.initial is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
-    models = _models(arguments)
+    models = _models(request)
     folder = Path(arguments.output)
-    inputs = [*photos, *filter(None, (arguments.annotations, arguments.mask)), *models.paths.values()]
-    forbid_overwrite(inputs, [folder / name for name in names(objects, arguments.page)])
+    inputs: list[str | Path] = [
+        *photos,
+        *(file for file in (request.annotations, request.mask) if file),
+        *models.paths.values(),
+    ]
+    forbid_overwrite(inputs, [folder / name for name in names(objects, request.page)])
     with output_folder(folder):
-        options = PoseOptions.of(arguments, _readable(models, arguments))
-        mask = None if arguments.mask is None else Path(arguments.mask)
-        jobs = [ObjectJob(one, photo, mask, options) for one, photo in zip(objects, photos, strict=True)]
+        readable = tuple((name, path.absolute()) for name, path in _readable(models, request).items())
+        jobs = [ObjectJob(one, photo, request, readable) for one, photo in zip(objects, photos, strict=True)]
         results = _run(folder, jobs, arguments)
-        least = arguments.least_confidence
+        least = request.least_confidence
         posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
         failed = [one for one in posed if not one.figures]
         if len(failed) == len(posed):
@@ -66,7 +74,7 @@ def pose(arguments: Namespace) -> int:
         write(folder, posed, least)
     print_table(rows(posed))
     say_page(folder / "index.html")
-    z_up = arguments.up is None and {path.suffix.lower() for path in models.paths.values()} - {*Y_UP}
+    z_up = request.up is None and {path.suffix.lower() for path in models.paths.values()} - {*Y_UP}
     return _status(posed, least, AXES if z_up else "")
 
 
@@ -100,25 +108,25 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
     return objects, [photo / local_name(one.image) for one in objects]
 
 
-def _models(arguments: Namespace) -> Models:
-    """The models in the folder or file ``arguments.mesh``, not read yet; none for those of the package."""
-    if arguments.mesh is None:
-        if arguments.up or arguments.front:
+def _models(request: PoseRequest) -> Models:
+    """The models in the folder or file ``request.mesh``, not read yet; none for those of the package."""
+    if request.mesh is None:
+        if request.up or request.front:
             raise ValueError("--up and --front go with --mesh; the chairs of nablahog need neither")
         return Models({}, [])
-    if arguments.up is not None:
-        axes(arguments.up, arguments.front)
-    path = Path(arguments.mesh)
+    if request.up is not None:
+        axes(request.up, request.front)
+    path = Path(request.mesh)
     if path.is_dir():
         return read_models(path)
     return Models({unicode_of(path.stem): path}, [])
 
 
-def _readable(models: Models, arguments: Namespace) -> dict[str, Path]:
+def _readable(models: Models, request: PoseRequest) -> dict[str, Path]:
     """The models that can be read, with progress; a line on stderr for each other, or ValueError if there is none."""
     readable = {}
     with counter("nablahog pose") as progress:
-        for model, _ in models.meshes(arguments.up, arguments.front):
+        for model, _ in models.meshes(request.up, request.front):
             readable[model] = models.paths[model]
             progress(len(readable) + len(models.failed), len(models.paths), f"reading {model}")
     if models.failed and not readable:
@@ -156,38 +164,16 @@ def _named(one: PosedObject) -> str:
 
 
 @dataclass(frozen=True)
-class PoseOptions:
-    """What the searches for all objects have in common, see :func:`nablahog.estimate_pose`.
-
-    Models are names and files, none for :func:`nablahog.sample_chairs`; the focal length is in pixels, "exif" or
-    "unknown", or None: that of the photograph's file, if it has one.
-    """
-
-    models: tuple[tuple[str, Path], ...]
-    up: str | None
-    front: str | None
-    focal: float | str | None
-    principal_point: tuple[float, float] | None
-    within: float
-    method: SearchMethod
-    seed: int
-    page: bool
-
-    @classmethod
-    def of(cls, arguments: Namespace, models: Mapping[str, Path]) -> PoseOptions:
-        """Reads the options of the command with the same names."""
-        options = {each.name: getattr(arguments, each.name) for each in fields(cls) if each.name != "models"}
-        return cls(tuple((name, path.absolute()) for name, path in models.items()), **options)
-
-
-@dataclass(frozen=True)
 class ObjectJob:
-    """The search for the pose of an object in a photograph, perhaps with a mask, white where the object is."""
+    """The search for the pose of an object in a photograph.
+
+    Models are names and files, none for :func:`nablahog.sample_chairs`.
+    """
 
     listed: ListedObject
     photo: Path
-    mask: Path | None
-    options: PoseOptions
+    request: PoseRequest
+    models: tuple[tuple[str, Path], ...]
 
     @property
     def name(self) -> str:
@@ -195,16 +181,15 @@ class ObjectJob:
         return "poses"
 
     def files(self) -> list[Path]:
-        return [self.photo, *filter(None, [self.mask]), *(path for _, path in self.options.models)]
+        mask = [] if self.request.mask is None else [Path(self.request.mask)]
+        return [self.photo, *mask, *(path for _, path in self.models)]
 
     def key(self) -> str:
         """A hash of what is known of the object, all files, the options, and the code."""
         facts = {
-            "box": self.listed.box,
-            "initial": self.listed.initial,
             "files": [digest(path) for path in self.files()],
-            "options": asdict(replace(self.options, models=())),
-            "models": [name for name, _ in self.options.models],
+            "request": asdict(replace(self._whole(), **_NO_PART_OF_A_RESULT)),
+            "models": [name for name, _ in self.models],
             "code": code_key(ObjectJob),
         }
         return key_of(facts, np.empty(0, np.float32))
@@ -215,32 +200,28 @@ class ObjectJob:
 
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
         """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
-        options, photo = self.options, local_path(self.photo)
+        request, photo = self._whole(), local_path(self.photo)
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
-        if self.mask is not None:
-            photograph, box = masked(photograph, read_image(local_path(self.mask)).mean(0) > 0.5, box)
-        lens = read_lens(photo, options.focal, options.principal_point)
-        meshes = _meshes(options.models, options.up, options.front)
+        if request.mask is not None:
+            photograph, box = masked(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
+        lens = read_lens(photo, request.focal, request.principal_point)
+        meshes = _meshes(self.models, request.up, request.front)
+        asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}
         began = perf_counter()
-        estimate = estimate_pose(
-            photograph,
-            meshes,
-            box=box,
-            initial=self.listed.initial,
-            within=180.0 if self.listed.initial is None else options.within,
-            focal=lens.focal,
-            principal_point=lens.principal_point,
-            method=options.method,
-            seed=options.seed,
-            progress=progress,
-        )
+        estimate = estimate_pose(photograph, meshes, **asked, progress=progress)
         seconds = perf_counter() - began
         estimate, mesh = replace(estimate, focal_from=lens.source), meshes[estimate.model]
         figures: dict[str, Any] = {**pose_figures(estimate), "seconds": round(seconds, 4)}
-        if options.page:
-            figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, list(meshes), options.method)
+        if request.page:
+            figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, list(meshes), request.method)
         _, _, picture = close_up(photograph, estimate, mesh, SIDE, _FILL * SIDE)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
+
+    def _whole(self) -> PoseRequest:
+        """The request, with what is known about the object."""
+        box, initial = self.listed.box, self.listed.initial
+        within = 180.0 if initial is None else self.request.within
+        return replace(self.request, box=None if box is None else (*box,), initial=initial, within=within)
 
 
 def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:

@@ -1,4 +1,4 @@
-"""The arguments of ``nablahog hog``, ``glyph``, ``invert`` and ``demo``."""
+"""The arguments of ``nablahog hog``, ``glyph``, ``invert``, ``demo`` and ``pose``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import argparse
 import re
 
 from ...requests.inversion import GlyphRequest, HogRequest, InvertRequest
-from ...requests.kinds import Kind, read_path
+from ...requests.kinds import Kind, path, read_path
+from ...requests.pose import PoseRequest
 from . import options
 from .options import SEVERAL, Parser
 
@@ -89,3 +90,17 @@ def device(text: str) -> str:
         if int(match[1] or 0) >= devices:
             raise ValueError(f"expected cuda:0 … cuda:{devices - 1}, got {text}")
     return text
+
+
+def pose(commands: argparse._SubParsersAction[Parser]) -> None:
+    command = commands.add_parser(
+        "pose",
+        usage="%(prog)s PHOTO -o DIR [options]",
+        help="find the pose of objects from CAD models",
+        description="Finds the viewpoint of objects in a photograph: the pose at which the HOG of a rendering of a CAD "
+        "model is most similar to the photograph's. Writes poses.csv, poses.json and the page index.html.",
+    )
+    options.add(command, "photo", path("PHOTO"), "an image; with --annotations the folder of images")
+    options.output(command, "DIR", "folder for the results, made if missing")
+    options.add_request(command, PoseRequest)
+    options.workers(command)

@@ -1,8 +1,10 @@
-"""The page's requests as JSON, with fields, types and ranges; its errors: one sentence and an HTTP status."""
+"""What the page sends and gets as JSON: requests, with types and ranges; errors, a sentence and a status; pictures."""
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import io
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,14 +14,19 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+import numpy as np
 from msgspec import Meta, Struct
+from torch import Tensor
 
+from ..hog import HOGSpec
+from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
 from ..requests.kinds import integer, number
 from ..requests.options import option, options_of
 from ..requests.pose import PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import one_line
+from ..viz.pictures import glyph_votes
 
 MOST_CHARACTERS = 900  # of a sentence
 GONE = "the server no longer has this file, as after a restart: open it again"
@@ -220,3 +227,31 @@ def _bounded(hint: Any, least: float | None = None, most: float | None = None, *
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return Annotated[dict[inner[0], inner[1]], Meta(max_length=MOST_SETTINGS)]  # type: ignore[valid-type]
     return hint
+
+
+def png(picture: Picture, opacity: Picture | None = None) -> bytes:
+    """A picture in 0…1, with its opacity (H, W) if it is gray, as a PNG file."""
+    file, image = io.BytesIO(), to_pil(picture)
+    if opacity is not None:
+        image.putalpha(to_pil(opacity))
+    image.save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
+    return file.getvalue()
+
+
+def encoded(data: bytes) -> str:
+    """Bytes as base64."""
+    return base64.b64encode(data).decode("ascii")
+
+
+def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:
+    """The brightness of each stroke of a descriptor's glyphs (rows, cols, channels), as the page draws them."""
+    votes, angles = glyph_votes(descriptor, spec)
+    rows, cols, count = votes.shape
+    return {
+        "rows": rows,
+        "cols": cols,
+        "n": count,
+        "cell": list(spec.cell_size),
+        "angles": angles.tolist(),
+        "votes": encoded(np.rint(votes * 255).astype(np.uint8).tobytes()),
+    }
