@@ -20,6 +20,7 @@ from starlette.routing import Route, WebSocketRoute
 from ..io.images import SAMPLE_NAMES, sample_photograph
 from ..paper.scenes import scene
 from ..render import sample_chairs
+from ..viz.html import TEMPLATES
 from . import see, store
 from .about import about
 from .access import AccessMiddleware, AccessRules
@@ -31,6 +32,7 @@ from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
+SHARED = ("wipe.js", "wipe.css")  # with the pages that commands write
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
@@ -69,7 +71,8 @@ class Server:
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:
-        files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in sorted(STATIC.iterdir())}
+        paths = [*sorted(STATIC.iterdir()), *(TEMPLATES / name for name in SHARED)]
+        files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in paths}
 
         async def page(_: Request) -> Response:
             return _file(files, "index.html")

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
@@ -35,16 +36,33 @@ LONG = 40  # characters above which a text in a table gets a wide column
 def _template(name: str) -> jinja2.Template:
     """A template that escapes all that is inserted, and raises for undefined names."""
     import jinja2  # few commands need it
+    import markupsafe
 
     loader, undefined = jinja2.PackageLoader("nablahog.viz"), jinja2.StrictUndefined
     made = jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)
-    made.filters |= {"png": png, "inner": _inner, "figure": figure, "table": _table, "sortable": _key}
+    made.filters |= {
+        "png": png,
+        "text": lambda name: markupsafe.Markup(_text(name)),
+        "inner": _inner,
+        "figure": figure,
+        "table": _table,
+        "sortable": _key,
+    }
     made.tests |= {
         "cell": lambda value: isinstance(value, Cell),
         "panel": lambda value: isinstance(value, Panel),
         "long": lambda value: isinstance(value, str) and len(value) > LONG,
     }
     return made.get_template(name)
+
+
+TEMPLATES = Path(__file__).with_name("templates")
+
+
+@cache
+def _text(name: str) -> str:
+    """A style sheet or script, as it is."""
+    return (TEMPLATES / name).read_text(encoding="utf-8")
 
 
 def png(picture: Picture) -> str:

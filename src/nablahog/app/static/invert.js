@@ -9,7 +9,7 @@ import { invert, Painter } from "./inversion.js";
 import { showLines } from "./lines.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
-import { showWipe } from "./wipe.js";
+import { wipe } from "./wipe.js";
 
 const SURE = 0.8;
 
@@ -225,17 +225,30 @@ export class Invert {
       negative.append(make("img", { src: addressOf(done.negative), alt: "The negative of the pre-image" }),
         make("figcaption", {}, "The negative"));
     }
-    const wipe = element("wipe", HTMLElement);
-    wipe.hidden = !photograph;
-    if (photograph) {
-      showWipe("wipe", { source: addressOf(photograph), name: "Photograph" }, { source: addressOf(done.image), name: "Pre-image" });
-    }
+    this.#showWipe(photograph, done.image);
     const definitions = Object.entries(done.definitions).filter(([name]) => name in done);
     element("definitions", HTMLElement).hidden = !definitions.length;
     document.querySelector("#definitions dl")?.replaceChildren(
       ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));
     showLines(element("invert-lines", HTMLElement), done.lines, this.app.source.sample);
     element("invert-result", HTMLElement).hidden = false;
+  }
+
+  /**
+   * @param {string | null} photograph
+   * @param {string} preimage
+   */
+  #showWipe(photograph, preimage) {
+    const place = element("wipe", HTMLElement);
+    place.hidden = !photograph;
+    if (!photograph) return;
+    const [before, after] = ["Photograph", "Pre-image"];
+    place.replaceChildren(
+      make("div", {}, make("img", { src: addressOf(photograph), alt: before, draggable: "false" }),
+        make("img", { src: addressOf(preimage), alt: after, draggable: "false" })),
+      make("input", { type: "range", min: 0, max: 100, value: 50, "aria-label": `${before} or ${after}` }),
+      make("figcaption", {}, make("span", {}, before), make("span", {}, after)));
+    wipe(place);
   }
 
   #drawCurve() {

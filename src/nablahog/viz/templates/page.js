@@ -1,19 +1,4 @@
-for (const wipe of document.querySelectorAll(".wipe")) {
-  const range = wipe.querySelector("input");
-  const show = () => wipe.style.setProperty("--at", range.value + "%");
-  range.addEventListener("input", show);
-  const drag = (event) => {
-    const box = wipe.querySelector("img").getBoundingClientRect();
-    range.value = 100 * (event.clientX - box.left) / box.width;
-    show();
-  };
-  for (const picture of wipe.querySelectorAll("img")) {
-    picture.draggable = false;
-    picture.addEventListener("pointerdown", drag);
-    picture.addEventListener("pointermove", (event) => { if (event.buttons) drag(event); });
-  }
-  show();
-}
+for (const place of document.querySelectorAll(".wipe")) wipe(place);
 const compared = (x, y, numeric, down) => {
   if (numeric && (x === "" || y === "")) return (x === "") - (y === "");  // what is missing comes last
   return (down ? -1 : 1) * (numeric ? x - y : x.localeCompare(y));
