@@ -31,12 +31,12 @@ from torch import Tensor
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.paper.models import Model, read_models
 from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose, pose_vjp
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 from preimages import SIDE, photographs
 from timing import Call, Times, cell, digits, in_turns, processor, ratio, summary, table, times_as_fast
 
 BATCH = 8
-METHODS: tuple[Method, ...] = ("edges", "opendr")
+METHODS: tuple[EdgeMethod, ...] = ("edges", "opendr")
 STEPS = (1, 2, 4)
 ALL = os.cpu_count() or 1
 
@@ -67,7 +67,7 @@ def divided_chair(finer: int) -> Mesh:
     return Mesh(torch.from_numpy(vertices), torch.from_numpy(faces), brightness)
 
 
-def prepared(mesh: Mesh, case: Case, method: Method = "edges") -> Renderer:
+def prepared(mesh: Mesh, case: Case, method: EdgeMethod = "edges") -> Renderer:
     """The renderer with everything made that it makes once."""
     camera = Camera(2.6 * case.side, case.side, case.side)
     renderer = Renderer(mesh, camera, supersampling=case.samples, method=method)
@@ -154,7 +154,7 @@ def true_slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec) -> Tensor:
     return (similarity(AZIMUTHS + DIFFERENCE) - similarity(AZIMUTHS - DIFFERENCE)) / (2 * DIFFERENCE)
 
 
-def slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, method: Method, samples: int) -> Tensor:
+def slopes(mesh: Mesh, wanted: Tensor, spec: HOGSpec, method: EdgeMethod, samples: int) -> Tensor:
     """(72,): the derivatives by azimuth that a search would follow."""
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=samples)
     where = poses(AZIMUTHS).requires_grad_()

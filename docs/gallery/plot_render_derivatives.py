@@ -13,7 +13,7 @@ from torch.nn.functional import cosine_similarity
 
 import nablahog
 from nablahog.render import PARAMETERS
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 
 # %%
 # A chair and its pose
@@ -80,7 +80,7 @@ plt.show()
 # renderer: minus the difference of neighbouring pixels times the motion of the surface. More samples per pixel
 # make both better and slower.
 
-methods: tuple[Method, ...] = ("edges", "opendr")
+methods: tuple[EdgeMethod, ...] = ("edges", "opendr")
 for method in methods:
     for samples in (1, 2, 4):
         other = nablahog.Renderer(mesh, camera, method=method, supersampling=samples)

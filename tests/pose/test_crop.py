@@ -21,7 +21,7 @@ from nablahog.pose.crop import FILL, SIDE, crop_object, masked
 from nablahog.pose.similarity import downsampled_poses
 from nablahog.render import pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.conventions import moved_before, pose_matrix, turn_to
+from nablahog.render.conventions import move_before_camera, pose_matrix, turn_to
 
 from .common import box_around, degrees_between, model, photographed
 
@@ -265,7 +265,7 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
     intrinsics = torch.tensor([[focal, 0, axis[0]], [0, focal, axis[1]], [0, 0, 1]], dtype=torch.float64)
     matrix = pose_matrix(pose(35, 18, 2.6, 3)[0])
     matrix[:3, 3] += matrix.new_tensor([1.2, -0.35, 0])
-    image = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
+    image = render(*move_before_camera(model(), matrix, intrinsics, 480, 640))[0]
     box = box_around(image[0] < 1)
     estimate = estimate_pose(image, model(), box=box, focal=focal, principal_point=axis)
     assert_close(estimate.intrinsics, intrinsics)

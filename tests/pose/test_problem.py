@@ -22,7 +22,7 @@ from nablahog.pose.result import pose_figures
 from nablahog.pose.similarity import Similarity
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.conventions import moved_before, pose_matrix
+from nablahog.render.conventions import move_before_camera, pose_matrix
 
 from ..render.shapes import by_opencv
 from .common import box_around, model
@@ -120,7 +120,7 @@ def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None
     matrix[:3, 3] += matrix.new_tensor([1.1, -0.35, 0])
     axis, focal = (325.0, 236.0), 420.0
     intrinsics = torch.tensor([[focal, 0, axis[0]], [0, focal, axis[1]], [0, 0, 1]], dtype=torch.float64)
-    photograph = render(*moved_before(model(), matrix, intrinsics, 480, 640))[0]
+    photograph = render(*move_before_camera(model(), matrix, intrinsics, 480, 640))[0]
     box = box_around(photograph[0] < 1)
     crop = crop_object(photograph, box, focal=focal, axis=axis)
     # what the camera sees that is turned to the object's origin
@@ -129,7 +129,7 @@ def test_the_crop_of_a_known_camera_shows_the_object_as_it_is_rendered() -> None
     seen = torch.eye(4, dtype=torch.float64)
     seen[:3, :3], seen[:3, 3] = turned, place
     of_crop = torch.tensor([[crop.camera.focal, 0, 64], [0, crop.camera.focal, 64], [0, 0, 1]], dtype=torch.float64)
-    expected = render(*moved_before(model(), seen, of_crop, 128, 128))[0]
+    expected = render(*move_before_camera(model(), seen, of_crop, 128, 128))[0]
     assert float((crop.image[0] - expected).abs().mean()) < 0.012
     assert max(crop.size) == pytest.approx(112)
     plain = crop_object(photograph, box, focal=focal)

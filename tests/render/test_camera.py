@@ -16,7 +16,7 @@ from torch.testing import assert_close
 from nablahog import native
 from nablahog.render import Camera, Renderer, pose, pose_jacobian, pose_vjp
 from nablahog.render.camera import check_poses, pose_velocities, rotation_matrices, rotations, to_camera, to_screen
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 
 from .shapes import box, poses
 
@@ -152,7 +152,7 @@ def test_the_vjp_is_the_adjoint_of_the_jacobian(
 
 
 @pytest.mark.parametrize("method", ["edges", "opendr"])
-def test_reverse_mode_of_a_renderer_is_this_vjp(method: Method) -> None:
+def test_reverse_mode_of_a_renderer_is_this_vjp(method: EdgeMethod) -> None:
     renderer = Renderer(box(), SMALL, method=method, supersampling=2)
     where, background, grad_image = poses(3, 2.6), torch.rand(1, 1, 20, 30), torch.randn(3, 20, 30)
     rendering = renderer.render(where, background[:, 0], derivative=True)

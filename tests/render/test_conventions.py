@@ -25,7 +25,7 @@ from nablahog.render import (
     to_pytorch3d,
 )
 from nablahog.render.camera import to_camera, to_screen
-from nablahog.render.conventions import moved_before, pose_matrix, turn_to
+from nablahog.render.conventions import move_before_camera, pose_matrix, turn_to
 
 from .shapes import by_opencv
 
@@ -163,7 +163,7 @@ def test_a_camera_turned_to_a_ray_looks_along_it(ray: list[float]) -> None:
 
 def test_what_is_moved_is_drawn_where_opencv_sees_it() -> None:
     mesh = Mesh(SOLID, torch.arange(18).reshape(6, 3), torch.ones(20, dtype=torch.float64))
-    moved, poses, camera = moved_before(mesh, motion(), INTRINSICS, 120, 160)
+    moved, poses, camera = move_before_camera(mesh, motion(), INTRINSICS, 120, 160)
     assert (camera.height, camera.width, camera.focal) == (120, 160, 300)
     projected = to_screen(to_camera(moved.vertices, poses), poses, camera)[0, :, :2]
     assert_close(projected, by_opencv(SOLID, motion(), INTRINSICS), rtol=0, atol=1e-9)

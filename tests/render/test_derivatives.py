@@ -19,7 +19,7 @@ from torch.testing import assert_close
 from nablahog.render import Camera, Mesh, Renderer, pose, render
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.edge_gradient import silhouette_edges, surface_motion
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 from nablahog.render.surface import mesh_edges
 
 from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, rectangle, split
@@ -88,7 +88,7 @@ def test_by_brightness_and_background(one: Mesh) -> None:
 
 
 @methods
-def test_forward_is_reverse(method: Method) -> None:
+def test_forward_is_reverse(method: EdgeMethod) -> None:
     """⟨w, J t⟩ = ⟨Jᵀ w, t⟩ for all that makes an image, together; by function transforms and by dual numbers."""
     one = joined(TWO, cylinder(24))
 
@@ -116,7 +116,7 @@ def test_forward_is_reverse(method: Method) -> None:
 
 
 @methods
-def test_forward_is_reverse_where_it_is_compiled(method: Method) -> None:
+def test_forward_is_reverse_where_it_is_compiled(method: EdgeMethod) -> None:
     renderer = Renderer(TWO, CAMERA, method=method)
     at, picture = poses(2, 13), torch.rand(1, 1, 48, 40)
 

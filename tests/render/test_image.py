@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render, silhouette
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 
 from .shapes import CAMERA, FLAT, box, joined, mesh, poses, quads, rectangle, upright
 
@@ -64,7 +64,7 @@ def test_slanted_sides_cover_pixels_by_their_share(dtype: torch.dtype) -> None:
 @dtypes
 @methods
 @pytest.mark.parametrize("step", [1, 2])
-def test_a_batch_is_its_images_one_by_one(method: Method, step: int, dtype: torch.dtype) -> None:
+def test_a_batch_is_its_images_one_by_one(method: EdgeMethod, step: int, dtype: torch.dtype) -> None:
     renderer = Renderer(box(), CAMERA, method=method, supersampling=step)
     where = poses(5, 13)
     for background in (on(0.2, dtype), torch.rand(5, 1, 48, 40, dtype=dtype)):
@@ -77,7 +77,7 @@ def test_a_batch_is_its_images_one_by_one(method: Method, step: int, dtype: torc
 
 @dtypes
 @methods
-def test_the_background_shows_where_nothing_is(method: Method, dtype: torch.dtype) -> None:
+def test_the_background_shows_where_nothing_is(method: EdgeMethod, dtype: torch.dtype) -> None:
     picture = torch.rand(1, 1, 48, 40, dtype=dtype)
     renderer = Renderer(box(), CAMERA, method=method)
     where = poses(1, 13)

@@ -14,7 +14,7 @@ from torch.testing import assert_close
 
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, render
 from nablahog.render.rasterize import clip, rasterize, rasterize_torch
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 
 from .shapes import FLAT, box, mesh, quads
 
@@ -222,7 +222,7 @@ def test_the_ground_goes_under_the_camera_and_on_behind_it() -> None:
 
 
 @pytest.mark.parametrize("method", ["edges", "opendr"])
-def test_an_object_behind_the_camera_is_not_seen(method: Method) -> None:
+def test_an_object_behind_the_camera_is_not_seen(method: EdgeMethod) -> None:
     far = box()
     behind = Mesh(far.vertices + torch.tensor([0, -9.0, 0]), far.faces, far.brightness)
     picture = torch.rand(1, 1, 30, 40)

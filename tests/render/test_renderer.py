@@ -30,7 +30,7 @@ from nablahog.render import (
 )
 from nablahog.render.edge_gradient import GAP, TOUCHING
 from nablahog.render.rasterize import NEAR
-from nablahog.render.renderer import Method, Rendering
+from nablahog.render.renderer import EdgeMethod, Rendering
 from nablahog.render.surface import BOUNDARY
 
 from ..chairs import chair
@@ -69,7 +69,7 @@ def check_alike(result: Rendering, expected: Rendering, on_edges: float, screen_
 @meshes
 @methods
 @steps
-def test_loops_and_plain_steps_draw_and_differentiate_alike(mesh: Mesh, method: Method, step: int) -> None:
+def test_loops_and_plain_steps_draw_and_differentiate_alike(mesh: Mesh, method: EdgeMethod, step: int) -> None:
     renderer = Renderer(mesh, CAMERA, method=method, supersampling=step)
     where, background = poses(3, 2.6), torch.rand(3, 72, 64)
     result = renderer.render(where, background, derivative=True)
@@ -80,7 +80,7 @@ def test_loops_and_plain_steps_draw_and_differentiate_alike(mesh: Mesh, method: 
 
 @needs_loops
 @methods
-def test_near_the_camera_too(method: Method) -> None:
+def test_near_the_camera_too(method: EdgeMethod) -> None:
     """Inside the object, half of which is cut off."""
     one = joined(cylinder(24, caps=False), box((0.3, 0.2, 0.4)))
     where = torch.cat([pose(20, 10, 0.45), pose(200, -30, 0.4), pose(90, 80, 0.6)])

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose
-from nablahog.render.renderer import Method
+from nablahog.render.renderer import EdgeMethod
 
 from .shapes import CAMERA, box, cylinder, joined, mesh, poses
 
@@ -56,12 +56,12 @@ def check(renderer: Renderer, where: Tensor) -> None:
 
 @methods
 @pytest.mark.parametrize("where", VIEWS.values(), ids=VIEWS.keys())
-def test_any_view(where: Tensor, method: Method) -> None:
+def test_any_view(where: Tensor, method: EdgeMethod) -> None:
     check(Renderer(box(), WIDE, method=method, supersampling=1), where)
 
 
 @methods
-def test_soups_of_slivers_and_degenerate_triangles(method: Method) -> None:
+def test_soups_of_slivers_and_degenerate_triangles(method: EdgeMethod) -> None:
     """No area at all, next to none, the same triangle twice, vertices of no triangle."""
     generator = torch.Generator().manual_seed(0)
     vertices = torch.rand(60, 3, generator=generator, dtype=torch.float64) - 0.5
@@ -80,7 +80,7 @@ def test_soups_of_slivers_and_degenerate_triangles(method: Method) -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @methods
-def test_on_a_gpu_as_on_a_cpu(method: Method) -> None:
+def test_on_a_gpu_as_on_a_cpu(method: EdgeMethod) -> None:
     # no two surfaces in one plane: which of them is nearer is rounding
     one, where = joined(box((1.1, 1.1, 0.9)), cylinder(24)), poses(3, 13)
     there = Mesh(one.vertices.cuda(), one.faces.cuda(), one.brightness.cuda())

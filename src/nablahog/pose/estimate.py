@@ -20,8 +20,8 @@ from ..hog.box import Box
 from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
-from ..render.mesh import checked_mesh
-from ..render.renderer import Method
+from ..render.mesh import check_mesh
+from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import momentum_ascent
 from .best_search import best_search
@@ -37,7 +37,7 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 STARTS = 8  # azimuths all around, beside the initial one
-RENDERERS: dict[SearchMethod, tuple[Method, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
+RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
 
@@ -169,7 +169,7 @@ def estimate_pose(
     if isinstance(models, list | tuple):
         models = {str(number): mesh for number, mesh in enumerate(models)}
     named = models if isinstance(models, Mapping) else {"": models}
-    meshes = {name: checked_mesh(mesh) for name, mesh in named.items()}
+    meshes = {name: check_mesh(mesh) for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
     _check_option("method", method, SearchMethod)

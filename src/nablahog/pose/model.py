@@ -19,7 +19,7 @@ from ..hog import HOGSpec
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.camera import rotation_matrices
-from ..render.renderer import LIGHT, Method
+from ..render.renderer import LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
@@ -44,7 +44,7 @@ class PreparedModel:
 
     def __init__(self, mesh: Mesh, camera: Camera) -> None:
         self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
-        self._renderers: dict[tuple[Method, int, float, int], Renderer] = {}
+        self._renderers: dict[tuple[EdgeMethod, int, float, int], Renderer] = {}
 
     @cached_property
     def digest(self) -> str:
@@ -57,7 +57,7 @@ class PreparedModel:
 
     def renderer(
         self,
-        method: Method = "edges",
+        method: EdgeMethod = "edges",
         supersampling: int = 1,
         *,
         detail: float = 0.0,
@@ -84,7 +84,7 @@ class PreparedModel:
     def similarity(
         self,
         template: Template,
-        method: Method = "edges",
+        method: EdgeMethod = "edges",
         supersampling: int = 1,
         *,
         detail: float = 0.0,

@@ -13,7 +13,7 @@ from torch import Tensor
 from ..hog.box import Box
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
-from ..render.conventions import MatrixConvention, in_convention, moved_before, pose_matrix, turn_to
+from ..render.conventions import MatrixConvention, convert_matrix, move_before_camera, pose_matrix, turn_to
 from .model import VIEW_COUNT
 from .options import FocalSource, SearchTrace, SimilarityKind
 
@@ -140,7 +140,7 @@ class PoseEstimate:
             ValueError: ``convention`` is neither.
         """
         unit = torch.tensor([self._unit] * 3 + [1], dtype=torch.float64)[:, None]
-        return in_convention(unit * (self._motion @ self.from_original), convention)
+        return convert_matrix(unit * (self._motion @ self.from_original), convention)
 
     @property
     def camera_to_world(self) -> Tensor:
@@ -172,7 +172,7 @@ class PoseEstimate:
         """
         if self.principal_point is None:
             return mesh, self.pose, self.camera
-        return moved_before(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
+        return move_before_camera(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
 
     @property
     def _unit(self) -> float:  # the mesh's unit of length, in units of its file

@@ -15,7 +15,7 @@ from PIL import Image
 from ..io.files import local_name
 from ..io.pixels import has_8_bits, levels
 from .mesh_bytes import as_utf8
-from .polygons import Floats, gray_of
+from .polygons import Floats, to_gray
 
 MAX_BYTES_BESIDE = 2**29  # of all files that another names
 LONGEST_NAME = 1000  # characters of the name of such a file
@@ -105,7 +105,7 @@ class CompanionFiles:
                 texture = Image.fromarray(np.concatenate(list(levels(texture)))[..., 0])
             texture.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
             small = np.asarray(texture)
-            return gray_of(small if small.ndim == 3 else small[..., None].repeat(3, axis=2))
+            return to_gray(small if small.ndim == 3 else small[..., None].repeat(3, axis=2))
         except Exception:
             return None
 

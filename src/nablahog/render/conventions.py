@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from .camera import Camera, check_poses, rotations
-from .camera import pose as one_pose
+from .camera import pose as make_pose
 from .mesh import Mesh
 
 MatrixConvention: TypeAlias = Literal["opencv", "opengl"]
@@ -79,7 +79,7 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
     ([[30.0, 10.0, 5.0, 0.0, 0.0, 0.0]], 3000.0)
     """
     x, y = view.px - 0.5 - width / 2, view.py - 0.5 - height / 2
-    poses = one_pose(view.azimuth, view.elevation, view.distance, view.theta, x, y)
+    poses = make_pose(view.azimuth, view.elevation, view.distance, view.theta, x, y)
     check_poses(poses)
     return poses, Camera(view.focal * VIEWPORT, height, width)
 
@@ -208,14 +208,14 @@ def pose_matrix(pose: Tensor) -> Tensor:
     return matrix
 
 
-def in_convention(matrix: Tensor, convention: MatrixConvention) -> Tensor:
+def convert_matrix(matrix: Tensor, convention: MatrixConvention) -> Tensor:
     """A matrix (4, 4) to OpenCV's camera frame (x right, y down, z forward), or to OpenGL's (y up, z backward)."""
     if convention not in get_args(MatrixConvention):
         raise ValueError(f"convention must be 'opencv' or 'opengl', got {convention!r}")
     return matrix if convention == "opencv" else matrix.new_tensor([1, -1, -1, 1])[:, None] * matrix
 
 
-def moved_before(
+def move_before_camera(
     mesh: Mesh, matrix: Tensor, intrinsics: Tensor, height: int, width: int
 ) -> tuple[Mesh, Tensor, Camera]:
     """Arguments for :func:`.renderer.render` to draw a mesh as a pinhole camera sees it: mesh, pose (1, 6), camera.
@@ -234,4 +234,4 @@ def moved_before(
     x, y = (intrinsics[:2, 2] - intrinsics.new_tensor([width, height]) / 2).tolist()
     moved = Mesh(mesh.vertices + aside @ rotation, mesh.faces, mesh.brightness)
     camera = Camera(float(intrinsics[0, 0]), height, width)
-    return moved, one_pose(azimuth, elevation, float(translation[2]), theta, x, y), camera
+    return moved, make_pose(azimuth, elevation, float(translation[2]), theta, x, y), camera

@@ -93,9 +93,9 @@ def _crossings_along(
     batch, edge = counts.nonzero(as_tuple=True)
     counts = counts[batch, edge]
     which = torch.arange(len(counts), device=ids.device).repeat_interleave(counts)
-    step = torch.arange(len(which), device=ids.device) - (counts.cumsum(0) - counts)[which]
+    number = torch.arange(len(which), device=ids.device) - (counts.cumsum(0) - counts)[which]
     batch, edge = batch[which], edge[which]
-    place = first[batch, edge].long() + step
+    place = first[batch, edge].long() + number
     p, q, w = p[batch, edge], q[batch, edge], ends[batch, edge][:, :, 2]
     part = (place + 0.5 - p[:, 0]) / (p[:, 1] - p[:, 0])
     slope = (q[:, 1] - q[:, 0]) / (p[:, 1] - p[:, 0])
@@ -139,14 +139,14 @@ def antialias(
     motion: Tensor,
     edges: Edges,
     faces: Tensor,
-    step: int,
+    supersampling: int,
 ) -> Tensor:
-    """Samples (B, H · step, W · step) to pixels (B, H, W): means, with visible edges where they cross.
+    """Samples (B, s H, s W), s the supersampling, to pixels (B, H, W): means, with visible edges where they cross.
 
     Differentiable in ``samples``; linear in ``motion``, the change of ``screen`` (B, V, 3), of which images change by
     the derivative.
     """
-    image = torch.nn.functional.avg_pool2d(samples[:, None], step)[:, 0]
+    image = torch.nn.functional.avg_pool2d(samples[:, None], supersampling)[:, 0]
     for axis in (0, 1):
         size = samples.shape[1 + axis] - 1
         difference = samples.narrow(1 + axis, 1, size) - samples.narrow(1 + axis, 0, size)
@@ -155,27 +155,27 @@ def antialias(
         crossed = torch.zeros_like(touching)
         crossed[on_axis.batch, on_axis.row, on_axis.col] = True
         one = on_axis.select(on_axis.measured & touching[on_axis.batch, on_axis.row, on_axis.col])
-        image = _move_edges(image, axis, difference, one, motion, edges, step)
+        image = _move_edges(image, axis, difference, one, motion, edges, supersampling)
         # links without an edge: their middle moves with the surface in front
         n, row, col = ((difference != 0) & touching & ~crossed).nonzero().T
         row2, col2 = row + (axis == 0), col + (axis == 1)
         nearer = inverse[n, row2, col2] > inverse[n, row, col]
         corners = faces[torch.where(nearer, ids[n, row2, col2], ids[n, row, col])]
         moved = surface_motion(screen, motion, corners, n, (col + col2 + 1) / 2, (row + row2 + 1) / 2)[:, 1 - axis]
-        change = -difference.detach()[n, row, col] * (1 / step**2) / 2 * moved
-        image = image.index_put((n, row // step, col // step), change, accumulate=True)
-        image = image.index_put((n, row2 // step, col2 // step), change, accumulate=True)
+        change = -difference.detach()[n, row, col] * (1 / supersampling**2) / 2 * moved
+        image = image.index_put((n, row // supersampling, col // supersampling), change, accumulate=True)
+        image = image.index_put((n, row2 // supersampling, col2 // supersampling), change, accumulate=True)
     return image
 
 
 def _move_edges(
-    image: Tensor, axis: int, difference: Tensor, one: Crossings, motion: Tensor, edges: Edges, step: int
+    image: Tensor, axis: int, difference: Tensor, one: Crossings, motion: Tensor, edges: Edges, supersampling: int
 ) -> Tensor:
     """Moves the boundary of links with an edge to the crossing; its derivative is that of the edge's motion."""
-    share, across = 1 / step**2, difference[one.batch, one.row, one.col]
+    share, across = 1 / supersampling**2, difference[one.batch, one.row, one.col]
     after = (one.at >= 0.5).long()
     row, col = one.row + after * (axis == 0), one.col + after * (axis == 1)
-    pixel = (one.batch, row // step, col // step)
+    pixel = (one.batch, row // supersampling, col // supersampling)
     image = image.index_put(pixel, (0.5 - one.at) * across * share, accumulate=True)
     ends = motion[one.batch[:, None], edges.ends[one.edge]]
     moved = torch.lerp(ends[:, 0], ends[:, 1], one.part[:, None])

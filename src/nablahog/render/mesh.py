@@ -19,12 +19,12 @@ from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
 from ..io.input_file import Readable, input_file
 from ..runtime.text import what_came
 from .mesh_file import read_soup
-from .polygons import Soup, distinct
+from .polygons import Soup, find_distinct
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-FLAT = 1e-12
+FLAT_AREA = 1e-12
 """Twice the area at or below which a triangle has no area, where the diagonal of the mesh's bounding box is 1."""
 
 FRONTS = {"z": "-y", "y": "+z"}
@@ -116,7 +116,7 @@ class Mesh:
         return Mesh((self.vertices - middle) / diagonal, self.faces, self.brightness, moved)
 
 
-def checked_mesh(mesh: object) -> Mesh:
+def check_mesh(mesh: object) -> Mesh:
     """``mesh``; TypeError with what to write, if it is none."""
     if isinstance(mesh, Mesh):
         return mesh
@@ -147,7 +147,7 @@ def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None
 
     The file is not trusted.  It is refused before it is unpacked if it has too many faces, or if the accessors, nodes
     or textures of a GLB would take much more memory than the file has bytes; the limits are constants of
-    :mod:`.mesh_bytes`, :mod:`.obj_file`, :mod:`.gltf_file` and :mod:`.companion_files`.  Of the files that it names,
+    :mod:`.mesh_bytes`, :mod:`.obj_file`, :mod:`.gltf_checks` and :mod:`.companion_files`.  Of the files that it names,
     only those in the same folder or below are read, and ShapeNet's in ``../images``; materials and textures that cannot
     be read are ignored.  Nothing is downloaded.
 
@@ -188,20 +188,20 @@ def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None
         turn[:3, :3] = torch.from_numpy(turned)
         vertices, faces, brightness = map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))
         whole = Mesh(vertices, faces, brightness, turn).normalized()
-        return _tidied(whole).normalized()  # without flat or unused parts, the box may be smaller
+        return _tidy(whole).normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
 
 
-def _tidied(mesh: Mesh) -> Mesh:
+def _tidy(mesh: Mesh) -> Mesh:
     vertices, faces, brightness = mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > FLAT]
+    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > FLAT_AREA]
     if not len(faces):
         raise ValueError("a mesh must have at least one triangle of an area above 0, got none")
-    first, vertex = distinct(np.column_stack([vertices, brightness]))
+    first, vertex = find_distinct(np.column_stack([vertices, brightness]))
     faces = vertex[faces]
-    faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
+    faces = faces[np.sort(find_distinct(np.sort(faces, axis=1))[0])]
     used, flat = np.unique(faces, return_inverse=True)
     corners, faces = torch.from_numpy(vertices[first[used]]), flat.reshape(-1, 3)
     return Mesh(corners, torch.from_numpy(faces), torch.from_numpy(brightness[first[used]]), mesh.from_original)

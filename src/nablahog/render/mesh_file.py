@@ -53,7 +53,7 @@ def read_soup(file: InputFile) -> Soup:
         warnings.simplefilter("ignore")  # NumPy warns of odd numbers
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # a texture too large counts as unreadable
         try:
-            return _joined(list(_pieces(file, kind)))
+            return _join(list(_pieces(file, kind)))
         except Exception as error:  # parsers of damaged files raise nearly anything
             reason = _reason(error)
             raise ValueError(f"{file}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
@@ -92,7 +92,7 @@ def _read(data: bytes, kind: str, companions: CompanionFiles) -> Iterable[Soup]:
     return read_gltf(data, companions)
 
 
-def _joined(pieces: list[Soup]) -> Soup:
+def _join(pieces: list[Soup]) -> Soup:
     if not any(len(piece.faces) for piece in pieces):
         raise ValueError("it holds no faces")
     for piece in pieces:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .companion_files import CompanionFiles
 from .mesh_bytes import as_lines, as_numbers
-from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, gray_of, soup_of
+from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
 
 MAX_MATERIALS = 10_000  # in an OBJ
 MAX_LIBRARIES = 100  # MTL files of an OBJ
@@ -56,7 +56,7 @@ def read_obj(data: bytes, companions: CompanionFiles) -> Soup:
     materials, which = _materials(rows, companions, face_lines)
     which = which.repeat(counts)
     if vertices.shape[1] >= 6:
-        brightness = gray_of(vertices[:, 3:6])[corners]
+        brightness = to_gray(vertices[:, 3:6])[corners]
     else:
         brightness = np.array([BRIGHTNESS if m.diffuse is None else m.diffuse for m in materials])[which]
     textured = np.flatnonzero((at >= 0) & (at < len(places)))
@@ -64,7 +64,7 @@ def read_obj(data: bytes, companions: CompanionFiles) -> Soup:
         sampled = companions.sample(texture, places[at[textured[here]]])
         if sampled is not None:
             brightness[textured[here]] = sampled
-    return soup_of(vertices[:, :3], corners, counts, of_vertices=None, of_corners=brightness)
+    return make_soup(vertices[:, :3], corners, counts, corner_brightness=brightness)
 
 
 def _rows_of(lines: list[bytes]) -> Rows:
@@ -168,7 +168,7 @@ def _read_mtl(text: bytes) -> dict[bytes, _Material]:
             words = rest.partition(b"#")[0].replace(b",", b".").split()
             with suppress(ValueError):  # of a spectral file
                 colour = np.array(words * 3 if len(words) == 1 else words).astype(np.float64)
-                materials[name] = material._replace(diffuse=float(gray_of(colour[None, :3])[0]))
+                materials[name] = material._replace(diffuse=float(to_gray(colour[None, :3])[0]))
         elif keyword.lower() == b"map_kd":
             materials[name] = material._replace(texture=rest.partition(_SIGN_AFTER_NAMES)[0].strip().decode())
     return materials

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from .polygons import BRIGHTNESS, Floats, Soup, gray_of, soup_of
+from .polygons import BRIGHTNESS, Floats, Soup, make_soup, to_gray
 
 # letters before the keyword: texture coordinates, colours, normals, and two that are not read
 _KEYWORD = re.compile(r"((?:ST)?C?N?(?:ST)?)(4?n?)(?:OFF|off)\b", re.ASCII)
@@ -33,7 +33,7 @@ def read_off(text: str) -> Soup:
     letters = keyword[1]
     if keyword[2] or "BINARY" in head:
         raise ValueError(f"it begins with {head[:40]!r}: expected text with three coordinates a vertex")
-    (vertex_count, face_count), lines = _counts([head[keyword.end() :], *lines[1:]])
+    (vertex_count, face_count), lines = _read_counts([head[keyword.end() :], *lines[1:]])
     if min(vertex_count, face_count) < 0 or len(lines) < vertex_count + face_count:
         promised = f"{vertex_count:,} + {face_count:,} lines of vertices and faces"
         raise ValueError(f"it promises {promised}, but has {len(lines):,}")
@@ -43,7 +43,7 @@ def read_off(text: str) -> Soup:
         raise ValueError("its vertices do not have three coordinates each")
     vertices = np.array([row[:3] for row in rows], dtype=np.float64).reshape(-1, 3)
     last = first + (3 if "S" in letters else 4)
-    of_vertices = _brightness([row[first:last] for row in rows]) if "C" in letters else None
+    vertex_brightness = _read_brightness([row[first:last] for row in rows]) if "C" in letters else None
     corners, colours = [], []
     for line in lines[vertex_count : vertex_count + face_count]:
         count, *numbers = line.split()
@@ -51,18 +51,20 @@ def read_off(text: str) -> Soup:
             raise ValueError(f"expected a face of {count} vertex indices, got {len(numbers)}")
         corners.append(list(map(int, numbers[: int(count)])))
         colours.append(numbers[int(count) : int(count) + 4])
-    of_corners = None
+    corner_brightness = None
     coloured = [number for number, each in enumerate(colours) if len(each) >= 3]  # others: a table's index, or none
-    if coloured and of_vertices is None:
+    if coloured and vertex_brightness is None:
         of_faces = np.full(face_count, BRIGHTNESS)
-        of_faces[coloured] = _brightness([colours[number] for number in coloured])
-        of_corners = of_faces.repeat([len(each) for each in corners])
+        of_faces[coloured] = _read_brightness([colours[number] for number in coloured])
+        corner_brightness = of_faces.repeat([len(each) for each in corners])
     all_corners = np.array(list(chain.from_iterable(corners)), dtype=np.int64)
     counts = np.array([len(each) for each in corners], dtype=np.int64)
-    return soup_of(vertices, all_corners, counts, of_vertices=of_vertices, of_corners=of_corners)
+    return make_soup(
+        vertices, all_corners, counts, vertex_brightness=vertex_brightness, corner_brightness=corner_brightness
+    )
 
 
-def _counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
+def _read_counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
     """The numbers of vertices and of faces, and the lines behind these and the number of edges."""
     numbers: list[int] = []
     for done, line in enumerate(lines):
@@ -74,6 +76,6 @@ def _counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
     raise ValueError("the numbers of vertices and faces are missing")
 
 
-def _brightness(colours: list[list[str]]) -> Floats:
+def _read_brightness(colours: list[list[str]]) -> Floats:
     # with the alpha, which tells 0…255 from 0…1 where the colours are dark
-    return gray_of(np.array([[*each, "0"][:4] for each in colours], dtype=np.float64).reshape(-1, 4))
+    return to_gray(np.array([[*each, "0"][:4] for each in colours], dtype=np.float64).reshape(-1, 4))

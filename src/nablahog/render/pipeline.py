@@ -23,7 +23,7 @@ from torch.nn.functional import avg_pool2d, pad
 from .camera import Camera, to_camera, to_screen
 from .edge_gradient import Crossings, antialias, argmax_at, edge_crossings, silhouette_edges, surface_motion
 from .mesh import Mesh
-from .rasterize import NEAR, barycentric, clip_to_view, normalize_weights, rasterize, together
+from .rasterize import NEAR, barycentric, clip_to_view, group_cut_views, normalize_weights, rasterize
 from .surface import Edges
 
 
@@ -34,7 +34,7 @@ def render_torch(
     poses: Tensor,
     camera: Camera,
     background: Tensor,
-    step: int,
+    supersampling: int,
     method: str,
     by_motion: bool = False,
 ) -> Tensor:
@@ -47,7 +47,7 @@ def render_torch(
         brightness: (F, 3), at the corners of each face.
         edges: of the mesh.
         poses, camera, background: the view.
-        step: samples of a pixel along a side.
+        supersampling: samples of a pixel along a side.
         method: "edges" or "opendr".
         by_motion: whether four more channels are wanted, the screen gradient of :class:`.renderer.Rendering`.
     """
@@ -56,40 +56,43 @@ def render_torch(
     if len(poses) == 1:
         points, faces, brightness = clip_to_view(points, faces, brightness, poses[:, 2])
     elif bool((cut := (points[..., 2:] <= near).flatten(1).any(1)).any()):
-        groups, order = together(cut)
+        groups, order = group_cut_views(cut)
         behind = background.expand(len(poses), -1, -1)
         images = [
-            render_torch(mesh, brightness, edges, poses[g], camera, behind[g], step, method, by_motion) for g in groups
+            render_torch(mesh, brightness, edges, poses[g], camera, behind[g], supersampling, method, by_motion)
+            for g in groups
         ]
         return torch.cat(images)[order]
     beside = points[..., 2:].abs() < 1e-3 * near  # not drawn; their 1 / depth may be infinite, without derivative
     screen = to_screen(torch.where(beside, -1.0, points), poses, camera)
-    screen = torch.cat([screen[..., :2] * step, screen[..., 2:]], dim=-1).to(background.dtype)
+    screen = torch.cat([screen[..., :2] * supersampling, screen[..., 2:]], dim=-1).to(background.dtype)
 
-    ids, inverse = rasterize(screen, faces, camera.height * step, camera.width * step)
-    samples = _shade(ids, screen, faces, brightness, background.expand(len(poses), -1, -1), step)
+    ids, inverse = rasterize(screen, faces, camera.height * supersampling, camera.width * supersampling)
+    samples = _shade(ids, screen, faces, brightness, background.expand(len(poses), -1, -1), supersampling)
     crossings = edge_crossings(screen, edges, ids, inverse)
     if method == "opendr":
         silhouette = silhouette_edges(screen.detach(), edges)
         drawn, (inverse, samples, ids) = draw_silhouettes(crossings, silhouette, inverse, samples, ids)
 
-    def moved_by(motion: Tensor) -> Tensor:
+    def draw_moved(motion: Tensor) -> Tensor:
         if method == "edges":
-            return antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, step)
-        return resolve(samples, ids, drawn, screen, motion, faces, step)
+            return antialias(samples, ids, inverse, crossings, screen, motion, edges, faces, supersampling)
+        return resolve(samples, ids, drawn, screen, motion, faces, supersampling)
 
-    image = moved_by(screen - screen.detach())  # the motion is 0; only its derivative matters
+    image = draw_moved(screen - screen.detach())  # the motion is 0; only its derivative matters
     if not by_motion:
         return image[:, None]
     w = screen[..., 2:]
-    zero, one = torch.zeros_like(w), torch.full_like(w, step)
-    motions = [one, zero, zero], [step * w, zero, zero], [zero, one, zero], [zero, step * w, zero]
-    return torch.stack([image, *(moved_by(torch.cat(each, 2)) - image for each in motions)], 1)
+    zero, one = torch.zeros_like(w), torch.full_like(w, supersampling)
+    motions = [one, zero, zero], [supersampling * w, zero, zero], [zero, one, zero], [zero, supersampling * w, zero]
+    return torch.stack([image, *(draw_moved(torch.cat(each, 2)) - image for each in motions)], 1)
 
 
-def _shade(ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, background: Tensor, step: int) -> Tensor:
-    """Brightness of the samples (B, H · step, W · step): perspective-correct between the corners of each triangle."""
-    samples = background.repeat_interleave(step, 1).repeat_interleave(step, 2)
+def _shade(
+    ids: Tensor, screen: Tensor, faces: Tensor, brightness: Tensor, background: Tensor, supersampling: int
+) -> Tensor:
+    """Brightness of the samples (B, s H, s W), perspective-correct between the corners of each triangle."""
+    samples = background.repeat_interleave(supersampling, 1).repeat_interleave(supersampling, 2)
     place = (ids >= 0).nonzero(as_tuple=True)
     face = ids[place]
     at = screen.detach()[place[0][:, None], faces[face]]
@@ -126,8 +129,8 @@ def draw_silhouettes(crossings: Crossings, silhouette: Tensor, *images: Tensor) 
 
 def _slope(samples: Tensor, drawn: Tensor) -> Tensor:
     """The image gradient along x at each sample, (B, H, W), with silhouettes ``drawn``; see above."""
-    step, usable = samples.diff(dim=2), ~(drawn[..., 1:] | drawn[..., :-1])
-    before, after = pad(step, (1, 0)), pad(step, (0, 1))
+    difference, usable = samples.diff(dim=2), ~(drawn[..., 1:] | drawn[..., :-1])
+    before, after = pad(difference, (1, 0)), pad(difference, (0, 1))
     has_before, has_after = pad(usable, (1, 0)), pad(usable, (0, 1))
     number = has_before.to(samples.dtype) + has_after.to(samples.dtype)
     one_sided = torch.where(has_before, before, 0) + torch.where(has_after, after, 0)
@@ -136,17 +139,17 @@ def _slope(samples: Tensor, drawn: Tensor) -> Tensor:
 
 
 def resolve(
-    samples: Tensor, ids: Tensor, drawn: Tensor, screen: Tensor, motion: Tensor, faces: Tensor, step: int
+    samples: Tensor, ids: Tensor, drawn: Tensor, screen: Tensor, motion: Tensor, faces: Tensor, supersampling: int
 ) -> Tensor:
-    """Samples (B, H · step, W · step) to pixels (B, H, W): means.
+    """Samples (B, s H, s W), s the supersampling, to pixels (B, H, W): means.
 
     Differentiable in ``samples`` and linear in ``motion`` as :func:`.edge_gradient.antialias` is.
     """
-    image = avg_pool2d(samples[:, None], step)[:, 0]
+    image = avg_pool2d(samples[:, None], supersampling)[:, 0]
     still = samples.detach()
     along_x, along_y = _slope(still, drawn), _slope(still.mT, drawn.mT).mT
     place = ((ids >= 0) & ((along_x != 0) | (along_y != 0))).nonzero()
     n, row, col = place.T
     moved = surface_motion(screen, motion, faces[ids[n, row, col]], n, col + 0.5, row + 0.5)
-    change = -(along_x[n, row, col] * moved[:, 0] + along_y[n, row, col] * moved[:, 1]) / step**2
-    return image.index_put((n, row // step, col // step), change, accumulate=True)
+    change = -(along_x[n, row, col] * moved[:, 0] + along_y[n, row, col] * moved[:, 1]) / supersampling**2
+    return image.index_put((n, row // supersampling, col // supersampling), change, accumulate=True)

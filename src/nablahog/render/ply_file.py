@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh_bytes import as_utf8
-from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, gray_of, soup_of
+from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
 
 MAX_HEADER = 2**20  # bytes
 _TYPES = {
@@ -58,7 +58,7 @@ class Header(NamedTuple):
     textures: list[str]
 
 
-def header_of(data: bytes) -> Header:
+def read_header(data: bytes) -> Header:
     """The header of a file.
 
     Raises:
@@ -77,7 +77,7 @@ def header_of(data: bytes) -> Header:
             name, count = words
             elements.append(Element(name, int(count), []))
             if int(count) < 0:
-                raise _too_few(elements[-1])
+                raise _missing_rows(elements[-1])
         elif key == "property":
             kinds = words[1:-1] if words[0] == "list" else words[:1]
             if any(kind not in _TYPES for kind in kinds):
@@ -103,7 +103,7 @@ def read_ply(data: bytes, most_rows: int, sample: Callable[[str, Floats], Floats
     """
     if data.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = as_utf8(data)
-    order, elements, at, textures = header_of(data)
+    order, elements, at, textures = read_header(data)
     rows = sum(element.rows for element in elements)
     if rows > most_rows:
         raise ValueError(f"at most {most_rows:,} rows are allowed, got {rows:,}")
@@ -113,63 +113,69 @@ def read_ply(data: bytes, most_rows: int, sample: Callable[[str, Floats], Floats
         if element.name in tables:
             raise ValueError(f"it has the element {element.name} twice")
         if order is None:
-            tables[element.name] = _of_text(element, list(islice(lines, element.rows)))
+            tables[element.name] = _read_text(element, list(islice(lines, element.rows)))
         else:
-            tables[element.name], at = _of_bytes(element, data, at, order)
+            tables[element.name], at = _read_binary(element, data, at, order)
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
     if any(name not in vertex for name in "xyz"):
         raise ValueError("its vertices do not have three coordinates each")
-    corners = next((name for name in _CORNERS if name in face), None)
-    if corners is None or "tristrips" in tables:
+    listed = next((name for name in _CORNERS if name in face), None)
+    if listed is None or "tristrips" in tables:
         expected = "an element face with the list vertex_indices, and no strips"
         raise ValueError(f"it holds no faces that are read: expected {expected}, got the elements {', '.join(tables)}")
-    if _length(corners) not in face:
-        raise ValueError(f"expected a list {corners} in the element face, got one number")
-    of_each, counts = face[corners].astype(np.int64), face[_length(corners)].astype(np.int64)
-    check_corners(of_each, len(vertex["x"]))
-    of_vertices, of_faces = _brightness(vertex), _brightness(face)
-    of_corners = None if of_vertices is not None or of_faces is None else of_faces.repeat(counts)
-    places = _places(vertex, face, of_each, counts) if textures else None
+    if _length_column(listed) not in face:
+        raise ValueError(f"expected a list {listed} in the element face, got one number")
+    corners, counts = face[listed].astype(np.int64), face[_length_column(listed)].astype(np.int64)
+    check_corners(corners, len(vertex["x"]))
+    vertex_brightness, face_brightness = _row_brightness(vertex), _row_brightness(face)
+    corner_brightness = (
+        None if vertex_brightness is not None or face_brightness is None else face_brightness.repeat(counts)
+    )
+    places = _texture_places(vertex, face, corners, counts) if textures else None
     if places is not None:
-        which = face["texnumber"].repeat(counts) if "texnumber" in face else np.zeros(len(of_each))
-        if of_corners is None:
-            of_corners = np.full(len(of_each), BRIGHTNESS) if of_vertices is None else of_vertices[of_each]
+        which = face["texnumber"].repeat(counts) if "texnumber" in face else np.zeros(len(corners))
+        if corner_brightness is None:
+            corner_brightness = (
+                np.full(len(corners), BRIGHTNESS) if vertex_brightness is None else vertex_brightness[corners]
+            )
         for number, name in enumerate(textures):
             sampled = sample(name, places[which == number])
             if sampled is not None:
-                of_corners[which == number] = sampled
+                corner_brightness[which == number] = sampled
     vertices = np.stack([vertex[name].astype(np.float64) for name in "xyz"], axis=1)
-    return soup_of(vertices, of_each, counts, of_vertices=of_vertices, of_corners=of_corners)
+    return make_soup(
+        vertices, corners, counts, vertex_brightness=vertex_brightness, corner_brightness=corner_brightness
+    )
 
 
-def _places(vertex: Columns, face: Columns, corners: Integers, counts: Integers) -> Floats | None:
+def _texture_places(vertex: Columns, face: Columns, corners: Integers, counts: Integers) -> Floats | None:
     """Where in a texture each corner is, (corners, 2), by the list of its face or by its vertex; None if unknown."""
-    if np.array_equal(face.get(_length("texcoord"), ()), 2 * counts):
+    if np.array_equal(face.get(_length_column("texcoord"), ()), 2 * counts):
         return face["texcoord"].astype(np.float64).reshape(-1, 2)
     names = next((names for names in _TEXTURED if all(name in vertex for name in names)), None)
     return None if names is None else np.stack([vertex[name].astype(np.float64) for name in names], axis=1)[corners]
 
 
-def _length(name: str) -> str:
+def _length_column(name: str) -> str:
     """The column of the lengths of the lists of another."""
     return f"{name} length"
 
 
-def _brightness(columns: Columns) -> Floats | None:
+def _row_brightness(columns: Columns) -> Floats | None:
     names = next((names for names in _COLOURS if all(name in columns for name in names)), None)
-    return None if names is None else gray_of(np.stack([columns[name] for name in names], axis=1))
+    return None if names is None else to_gray(np.stack([columns[name] for name in names], axis=1))
 
 
-def _of_text(element: Element, rows: list[list[bytes]]) -> Columns:
+def _read_text(element: Element, rows: list[list[bytes]]) -> Columns:
     if len(rows) < element.rows:
-        raise _too_few(element)
+        raise _missing_rows(element)
     columns: dict[str, list[bytes]] = {}
     for row in rows:
         at = 0
         for name, _, length in element.properties:
             count = 1
             if length is not None:
-                columns.setdefault(_length(name), []).append(row[at])
+                columns.setdefault(_length_column(name), []).append(row[at])
                 count, at = int(row[at]), at + 1
             if not 0 <= count <= len(row) - at:
                 raise ValueError(f"a row of the element {element.name} has too few numbers")
@@ -179,25 +185,27 @@ def _of_text(element: Element, rows: list[list[bytes]]) -> Columns:
     return {name: np.array(column).astype(np.float64).astype(kinds.get(name, "i8")) for name, column in columns.items()}
 
 
-def _of_bytes(element: Element, data: bytes, at: int, order: str) -> tuple[Columns, int]:
+def _read_binary(element: Element, data: bytes, at: int, order: str) -> tuple[Columns, int]:
     """The columns of a table that begins at a byte, and the byte behind it."""
     lengths = _lengths_of_a_row(element, data, at, order) if element.rows else []
     fields: list[tuple[Any, ...]] = []
     for (name, kind, length), count in zip(element.properties, lengths, strict=bool(lengths)):
-        fields += [] if length is None else [(_length(name), order + length)]
+        fields += [] if length is None else [(_length_column(name), order + length)]
         fields += [(name, order + kind)] if length is None else [(name, order + kind, (count,))]
     row = np.dtype(fields)
     whole = len(data) - at >= element.rows * row.itemsize
     if whole:
         table = np.frombuffer(data, row, element.rows, at)
         if all(
-            (table[_length(name)] == table[_length(name)][:1]).all() for name, _, length in element.properties if length
+            (table[_length_column(name)] == table[_length_column(name)][:1]).all()
+            for name, _, length in element.properties
+            if length
         ):
             columns = {name: table[name].reshape(-1) for name in table.dtype.names or ()}
             return columns, at + element.rows * row.itemsize
     if not any(each.length for each in element.properties):
-        raise _too_few(element)
-    return _of_mixed(element, data, at, order)
+        raise _missing_rows(element)
+    return _read_row_by_row(element, data, at, order)
 
 
 def _lengths_of_a_row(element: Element, data: bytes, at: int, order: str) -> list[int]:
@@ -207,14 +215,14 @@ def _lengths_of_a_row(element: Element, data: bytes, at: int, order: str) -> lis
         count = 1
         if length is not None:
             first = np.dtype(order + length)
-            count = int(_numbers(element, data, first, 1, at)[0])
+            count = int(_read_numbers(element, data, first, 1, at)[0])
             at += first.itemsize
         lengths.append(count)
         at += count * np.dtype(kind).itemsize
     return lengths
 
 
-def _of_mixed(element: Element, data: bytes, at: int, order: str) -> tuple[Columns, int]:
+def _read_row_by_row(element: Element, data: bytes, at: int, order: str) -> tuple[Columns, int]:
     """Row by row, since lists of one column have different lengths."""
     columns: dict[str, list[NDArray[Any]]] = {}
     for _ in range(element.rows):
@@ -222,19 +230,19 @@ def _of_mixed(element: Element, data: bytes, at: int, order: str) -> tuple[Colum
             element.properties, _lengths_of_a_row(element, data, at, order), strict=True
         ):
             if length is not None:
-                columns.setdefault(_length(name), []).append(np.array([count]))
+                columns.setdefault(_length_column(name), []).append(np.array([count]))
                 at += np.dtype(length).itemsize
-            numbers = _numbers(element, data, np.dtype(order + kind), count, at)
+            numbers = _read_numbers(element, data, np.dtype(order + kind), count, at)
             columns.setdefault(name, []).append(numbers)
             at += numbers.nbytes
     return {name: np.concatenate(parts) for name, parts in columns.items()}, at
 
 
-def _numbers(element: Element, data: bytes, kind: np.dtype[Any], count: int, at: int) -> NDArray[Any]:
+def _read_numbers(element: Element, data: bytes, kind: np.dtype[Any], count: int, at: int) -> NDArray[Any]:
     if count < 0 or at + count * kind.itemsize > len(data):
-        raise _too_few(element)
+        raise _missing_rows(element)
     return np.frombuffer(data, kind, count, at)
 
 
-def _too_few(element: Element) -> ValueError:
+def _missing_rows(element: Element) -> ValueError:
     return ValueError(f"it has fewer rows of the element {element.name} than it promises: {element.rows:,}")

@@ -25,7 +25,7 @@ class Soup(NamedTuple):
     brightness: Floats
 
 
-def gray_of(colours: NDArray[Any]) -> Floats:
+def to_gray(colours: NDArray[Any]) -> Floats:
     """Gray in 0…1 of colours (..., 3 or 4).
 
     White is 255, or 65535 or the type's largest if a number is above; of floats 1, or 255 if one is far above 1.
@@ -41,18 +41,23 @@ def gray_of(colours: NDArray[Any]) -> Floats:
     return gray.clip(0, 1)
 
 
-def soup_of(
-    vertices: Floats, corners: Integers, counts: Integers, *, of_vertices: Floats | None, of_corners: Floats | None
+def make_soup(
+    vertices: Floats,
+    corners: Integers,
+    counts: Integers,
+    *,
+    vertex_brightness: Floats | None = None,
+    corner_brightness: Floats | None = None,
 ) -> Soup:
-    """Polygons, as :func:`triangulated` takes them, with the brightness of vertices (V,) or of corners, if known."""
+    """Polygons, as :func:`triangulate` takes them, with the brightness of corners, or else of vertices, if known."""
     check_corners(corners, len(vertices))
-    if of_corners is not None:
-        of_vertices = np.full(len(vertices), BRIGHTNESS)
-        of_vertices[corners] = of_corners
-        if (of_vertices[corners] != of_corners).any():  # neighbours differ: a vertex for each corner
-            vertices, of_vertices, corners = vertices[corners], of_corners, np.arange(len(corners))
-    faces, _ = triangulated(vertices, corners, counts)
-    return Soup(vertices, faces, np.full(len(vertices), BRIGHTNESS) if of_vertices is None else of_vertices)
+    brightness = np.full(len(vertices), BRIGHTNESS) if vertex_brightness is None else vertex_brightness
+    if corner_brightness is not None:
+        brightness = brightness.copy()
+        brightness[corners] = corner_brightness
+        if (brightness[corners] != corner_brightness).any():  # neighbours differ: a vertex for each corner
+            vertices, brightness, corners = vertices[corners], corner_brightness, np.arange(len(corners))
+    return Soup(vertices, triangulate(vertices, corners, counts), brightness)
 
 
 def check_corners(corners: Integers, count: int) -> None:
@@ -61,16 +66,13 @@ def check_corners(corners: Integers, count: int) -> None:
         raise ValueError("a face refers to a vertex that the file does not hold")
 
 
-def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple[Integers, Integers]:
-    """The triangles of polygons, in their order, with their orientation.
+def triangulate(vertices: Floats, corners: Integers, counts: Integers) -> Integers:
+    """The triangles (F, 3) of polygons, in their order, with their orientation.
 
     Args:
         vertices: (V, 3).
         corners: indices of vertices, those of all polygons one after the other.
         counts: (P,), the number of corners of each polygon; one of fewer than 3 has no triangles.
-
-    Returns:
-        Triangles (F, 3), and which polygon each is of, (F,).
 
     Raises:
         ValueError: a corner is no vertex, or a polygon that is not convex has more than :data:`MOST_CORNERS` corners.
@@ -80,16 +82,15 @@ def triangulated(vertices: Floats, corners: Integers, counts: Integers) -> tuple
     triangles, polygons = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
     for count in np.unique(counts[counts >= 3]).tolist():
         members = np.flatnonzero(counts == count)
-        of_each = corners[starts[members, None] + np.arange(count)]  # (M, count)
-        fans = np.stack([of_each[:, [0, k, k + 1]] for k in range(1, count - 1)], 1)  # (M, count - 2, 3)
+        loops = corners[starts[members, None] + np.arange(count)]  # (M, count)
+        fans = np.stack([loops[:, [0, k, k + 1]] for k in range(1, count - 1)], 1)  # (M, count - 2, 3)
         if count > 3:
-            for number in np.flatnonzero(~_convex(vertices[of_each])).tolist():
-                fans[number] = of_each[number][_ears(vertices[of_each[number]])]
+            for number in np.flatnonzero(~_convex(vertices[loops])).tolist():
+                fans[number] = loops[number][_cut_ears(vertices[loops[number]])]
         triangles.append(fans.reshape(-1, 3))
         polygons.append(members.repeat(count - 2))
-    polygon = np.concatenate(polygons)
-    order = polygon.argsort(kind="stable")
-    return np.concatenate(triangles)[order], polygon[order]
+    order = np.concatenate(polygons).argsort(kind="stable")
+    return np.concatenate(triangles)[order]
 
 
 def _turns(points: Floats) -> Floats:
@@ -107,7 +108,7 @@ def _convex(points: Floats) -> NDArray[np.bool_]:
     return convex
 
 
-def _ears(points: Floats) -> Integers:
+def _cut_ears(points: Floats) -> Integers:
     """Triangles (n - 2, 3) of one polygon (n, 3): again and again a corner is cut off whose triangle holds no other."""
     if len(points) > MOST_CORNERS:
         raise ValueError(f"a face that is not convex has at most {MOST_CORNERS:,} corners, got {len(points):,}")
@@ -115,12 +116,13 @@ def _ears(points: Floats) -> Integers:
     normal = np.cross(centred, np.roll(centred, -1, 0)).sum(0)
     axis = int(np.abs(normal).argmax())  # projected along it, the polygon keeps its shape best
     flat = np.delete(centred, axis, 1) * [1, 1 if (normal[axis] > 0) == (axis != 1) else -1]
-    left, triangles = list(range(len(points))), []
-    while len(left) > 3:
-        ear = next((k for k in range(len(left)) if _is_ear(flat[left], k)), 0)  # of a polygon that cuts itself, any
-        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
-        del left[ear]
-    return np.array([*triangles, left])
+    remaining, triangles = list(range(len(points))), []
+    while len(remaining) > 3:
+        # of a polygon that cuts itself, any
+        ear = next((k for k in range(len(remaining)) if _is_ear(flat[remaining], k)), 0)
+        triangles.append([remaining[ear - 1], remaining[ear], remaining[(ear + 1) % len(remaining)]])
+        del remaining[ear]
+    return np.array([*triangles, remaining])
 
 
 def _is_ear(flat: Floats, at: int) -> bool:
@@ -136,7 +138,7 @@ def _is_ear(flat: Floats, at: int) -> bool:
     return not (inside & ~corner).any()
 
 
-def distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
+def find_distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
     """Indices of the first of each distinct row, in any order, and for each row which of these it equals.
 
     As ``np.unique(rows, axis=0)``, in half the time.

@@ -11,14 +11,14 @@ from torch import Tensor
 
 from .. import native
 from .camera import Camera, check_poses, to_camera, to_screen
-from .mesh import Mesh, checked_mesh
+from .mesh import Mesh, check_mesh
 
 NEAR = 1e-3
 """Depth of the near plane, as a share of the camera's distance from the object."""
 _INTEGERS, _REALS = native.array(np.int32), native.array(np.float32, np.float64)
 _MESH = _REALS, c_int64, c_int64, _INTEGERS, c_int64
 _rasterize = native.function("rasterize", c_bool, *_MESH, c_int64, c_int64, _INTEGERS, _REALS)
-_CHUNK = 2**22  # samples in bounding boxes of triangles that are tested together
+_CHUNK = 2**22  # samples in bounding boxes of triangles that are tested group_cut_views
 
 
 def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
@@ -67,13 +67,13 @@ def rasterize_torch(screen: Tensor, faces: Tensor, height: int, width: int) -> t
         stop = max(start + 1, int(torch.searchsorted(total, done + _CHUNK)))
         chunk = listed[start:stop]
         which = chunk.repeat_interleave(boxes[chunk])
-        step = torch.arange(len(which), device=screen.device) - (
+        number = torch.arange(len(which), device=screen.device) - (
             total[start:stop] - boxes[chunk] - done
         ).repeat_interleave(boxes[chunk])
         batch, face = which // len(faces), which % len(faces)
         across = count[batch, face, 0].long()
-        x = first[batch, face, 0] + step % across + 0.5
-        y = first[batch, face, 1] + step // across + 0.5
+        x = first[batch, face, 0] + number % across + 0.5
+        y = first[batch, face, 1] + number // across + 0.5
         weights = barycentric(corners[batch, face], faces[face], x, y)
         inside = (weights >= 0).all(1)  # false for triangles of no area, whose weights are NaN
         batch, face, x, y, weights = (part[inside] for part in (batch, face, x, y, weights))
@@ -161,7 +161,7 @@ def clip_to_view(points: Tensor, faces: Tensor, brightness: Tensor, distance: Te
     return front[None], faces, brightness
 
 
-def together(cut: Tensor) -> tuple[list[Tensor], Tensor]:
+def group_cut_views(cut: Tensor) -> tuple[list[Tensor], Tensor]:
     """Groups of views that can be drawn together: all that the near plane does not cut (B,), and each other one alone.
 
     Returns the indices of each group, and the position of each view in the concatenated groups, (B,).
@@ -194,9 +194,9 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
     check_poses(poses)
     poses = poses.double()
     with torch.no_grad():
-        points = to_camera(checked_mesh(mesh).vertices, poses)
+        points = to_camera(check_mesh(mesh).vertices, poses)
         cut = (points[..., 2] <= NEAR * poses[:, 2:3]).any(1)
-        groups, order = together(cut)
+        groups, order = group_cut_views(cut)
         parts = [_depth_and_normals(mesh, points[group], poses[group], camera) for group in groups]
         depths, normals = (torch.cat(part)[order] for part in zip(*parts, strict=True))
     return depths, normals

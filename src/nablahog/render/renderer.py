@@ -15,7 +15,7 @@ from torch.autograd.function import once_differentiable
 from .. import native
 from ..runtime.pytorch import share_out
 from .camera import Camera, check_poses, pose_jacobian, pose_vjp
-from .mesh import Mesh, checked_mesh
+from .mesh import Mesh, check_mesh
 from .pipeline import render_torch
 from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
 
@@ -24,7 +24,7 @@ _MESH = _FLOATS, c_int64, _INTEGERS, _FLOATS, c_int64, _INTEGERS, _INTEGERS, _FL
 _CAMERA = c_double, c_int64, c_int64, c_int64, c_bool
 _render = native.function("render", *_MESH, *_CAMERA, native.array(np.float64), c_int64, c_int64, _FLOATS, c_void_p)
 
-Method: TypeAlias = Literal["edges", "opendr"]
+EdgeMethod: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4
 LIGHT = Light()
 _ROUNDING = 1e-5  # by which a background may leave 0…1
@@ -84,14 +84,14 @@ class Renderer:
         camera: Camera,
         *,
         light: Light = LIGHT,
-        method: Method = "edges",
+        method: EdgeMethod = "edges",
         supersampling: int = SUPERSAMPLING,
     ) -> None:
         if method not in ("edges", "opendr"):
             raise ValueError(f"method must be 'edges' or 'opendr', got {method!r}")
         if not isinstance(supersampling, int | np.integer) or not 1 <= supersampling <= 16:
             raise ValueError(f"supersampling must be an integer from 1 to 16, got {supersampling!r}")
-        self.mesh, self.camera, self.light = checked_mesh(mesh), camera, light
+        self.mesh, self.camera, self.light = check_mesh(mesh), camera, light
         self.method, self.supersampling = method, supersampling
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)
@@ -147,9 +147,9 @@ class Renderer:
             background: (1 or B, H, W), brightness in 0…1.
             derivative: whether to compute the screen gradient.
         """
-        mesh, camera, step, method = self.mesh, self.camera, self.supersampling, self.method
+        mesh, camera = self.mesh, self.camera
         if not native.can_read(poses):
-            how = background.float(), step, method, derivative
+            how = background.float(), self.supersampling, self.method, derivative
             with torch.no_grad():
                 images = render_torch(mesh, self._brightness, self.edges, poses, camera, *how)
             return Rendering(images[:, 0].clone(), images[:, 1:].clone())
@@ -158,7 +158,14 @@ class Renderer:
         image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
         screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
         numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None
-        arguments = *self._native_arguments, camera.focal, *shape[1:], step, method == "edges", numbers
+        arguments = (
+            *self._native_arguments,
+            camera.focal,
+            *shape[1:],
+            self.supersampling,
+            self.method == "edges",
+            numbers,
+        )
         share_out(lambda first, last: _render(*arguments, first, last, image, pointer), len(poses))
         return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
 
@@ -202,7 +209,7 @@ def render(
     *,
     background: float | Tensor = 1.0,
     light: Light = LIGHT,
-    method: Method = "edges",
+    method: EdgeMethod = "edges",
     supersampling: int = SUPERSAMPLING,
 ) -> Tensor:
     """Renders a mesh at poses.  For many calls use :class:`Renderer`, which prepares the mesh once.
@@ -295,6 +302,6 @@ def silhouette(mesh: Mesh, poses: Tensor, camera: Camera, *, supersampling: int 
     >>> coverage.shape, float(coverage.max())
     (torch.Size([1, 1, 64, 64]), 1.0)
     """
-    white = Mesh(checked_mesh(mesh).vertices, mesh.faces, torch.ones_like(mesh.brightness))
+    white = Mesh(check_mesh(mesh).vertices, mesh.faces, torch.ones_like(mesh.brightness))
     everywhere = Light(ambient=1.0, diffuse=0.0)
     return render(white, poses, camera, background=0.0, light=everywhere, supersampling=supersampling)

@@ -32,14 +32,14 @@ def read_stl(data: bytes, most_faces: int) -> Soup:
     if is_binary:
         facets = np.frombuffer(data, _FACET, count, _HEADER + 4)
         corners = facets["corners"].astype(np.float64).reshape(-1, 3)
-        brightness = _of_magics(data[:_HEADER], facets["attribute"]).repeat(3)
+        brightness = _facet_brightness(data[:_HEADER], facets["attribute"]).repeat(3)
     else:
-        corners = _of_text(text)
+        corners = _read_text(text)
         brightness = np.full(len(corners), BRIGHTNESS)
     return Soup(corners, np.arange(len(corners)).reshape(-1, 3), brightness)
 
 
-def _of_magics(header: bytes, attributes: NDArray[np.uint16]) -> Floats:
+def _facet_brightness(header: bytes, attributes: NDArray[np.uint16]) -> Floats:
     """The brightness of the facets."""
     _, key, colour = header.partition(b"COLOR=")
     if not key or len(colour) < 3:
@@ -50,7 +50,7 @@ def _of_magics(header: bytes, attributes: NDArray[np.uint16]) -> Floats:
     return gray
 
 
-def _of_text(text: bytes) -> Floats:
+def _read_text(text: bytes) -> Floats:
     """The corners (3 F, 3), of all solids."""
     if not text.startswith(b"solid") or b"endsolid" not in text:
         raise ValueError("it is neither a whole text from solid to endsolid nor binary of the length that it promises")

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from .. import native
 from .mesh import Mesh
-from .polygons import distinct
+from .polygons import find_distinct
 
 _DOUBLES, _INDICES = native.array(np.float64), native.array(np.int64)
 _collapse = native.function("collapse", _DOUBLES, c_int64, _INDICES, c_int64, c_double, _INDICES)
@@ -49,7 +49,7 @@ def _values(tensor: Tensor) -> NDArray[Any]:
 
 def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """The first vertex at the same place, for each of (V, 3): colours split vertices, but not the surface."""
-    first, which = distinct(places)
+    first, which = find_distinct(places)
     return first[which]
 
 
@@ -120,14 +120,14 @@ def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
     entries = [(corner, face, np.ones(len(corner)))]
     sizes = np.bincount(vertex)[vertex]
     first = np.flatnonzero((sizes > 1) & (sizes <= _MAX_FACES))
-    for step in range(1, _MAX_FACES):  # pairs of a corner and the step-th after it
-        first = first[first + step < len(corner)]
-        first = first[vertex[first] == vertex[first + step]]
+    for offset in range(1, _MAX_FACES):  # pairs of a corner and the one so many after it
+        first = first[first + offset < len(corner)]
+        first = first[vertex[first] == vertex[first + offset]]
         if not len(first):
             break
-        cosine = (unit[first] * unit[first + step]).sum(axis=1)
+        cosine = (unit[first] * unit[first + offset]).sum(axis=1)
         joined = np.abs(cosine) >= _CREASE_COSINE
-        one, other, sign = first[joined], first[joined] + step, np.sign(cosine[joined])
+        one, other, sign = first[joined], first[joined] + offset, np.sign(cosine[joined])
         entries += [(corner[one], face[other], sign), (corner[other], face[one], sign)]
     device = mesh.vertices.device
     return SmoothingGroups(*(torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*entries, strict=True)))
@@ -209,7 +209,7 @@ def simplify(mesh: Mesh, tolerance: float) -> Mesh:
     faces = collapse_edges(places, ends[order[length[order] <= tolerance]], tolerance)[faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
-    faces = faces[np.sort(distinct(np.sort(faces, axis=1))[0])]
+    faces = faces[np.sort(find_distinct(np.sort(faces, axis=1))[0])]
     if not len(faces):
         return mesh
     vertices, numbers = np.unique(faces, return_inverse=True)

@@ -20,7 +20,7 @@ from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.result import warning
 from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
-from ...render.renderer import Method
+from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import boxed, by_azimuth
@@ -145,7 +145,7 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     start[0] = 0
     poses, template = azimuth_sweep(start, AZIMUTHS), matched.template(estimate.similarity_kind)
 
-    def similarity(derivative: Method, samples: int) -> Similarity:
+    def similarity(derivative: EdgeMethod, samples: int) -> Similarity:
         return prepared_model(mesh, matched.crop.camera).similarity(template, derivative, samples)
 
     fine = similarity("edges", SAMPLES)
