@@ -14,49 +14,48 @@ from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, R
 from nablahog.cli.arguments.options import request_of
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest
-from nablahog.requests.options import options_of, words
+from nablahog.requests.kinds import FLAG
+from nablahog.requests.options import Option, options_of, words
 from nablahog.requests.pose import PoseRequest
 
 COMMANDS = {"hog": HogRequest, "glyph": GlyphRequest, "invert": InvertRequest, "pose": PoseRequest}
-OTHER: dict[str, Any] = {
-    "preset": "skimage",
-    "settings": {"cells_per_block": "2x2", "orientations": "8"},
-    "size": 0,
-    "image_size": (64, 48),
-    "key": "left",
-    "template": True,
-    "quality": "fast",
-    "method": "paper",
-    "prior": "my prior.npz",
-    "samples": 3,
-    "seed": 5,
-    "mesh": "chairs",
-    "up": "-z",
-    "front": "+x",
-    "box": (1.5, 2.0, 30.0, 40.0),
-    "mask": "mask.png",
-    "annotations": "objects.csv",
-    "initial": (-30.0, 10.0),
-    "within": 20.0,
-    "focal": 400.5,
-    "principal_point": (10.0, 12.0),
-    "least_confidence": 0.5,
-    "page": True,
+TEXTS = {
+    "AXIS": "-z",
+    "DEGREES": "20",
+    "FILE": "a b.npz",
+    "FILE_or_DIR": "chairs",
+    "HxW": "64x48",
+    "KEY=VALUE": "orientations=8",
+    "N": "9",
+    "NAME": "left",
+    "P": "0.5",
+    "PIXELS": "400.5",
+    "az,el": "-30,10",
+    "x,y": "10,12",
+    "x0,y0,x1,y1": "1.5,2,30,40",
 }
-"""A value of each field that is not its default."""
+"""A text of each kind of values."""
 
 
-def fields() -> list[tuple[str, str]]:
-    return [(command, each.name) for command, kind in COMMANDS.items() for each in options_of(kind)]
+def other(option: Option) -> Any:
+    """A value of an option that is not its default."""
+    kind = option.kind
+    if kind is FLAG:
+        return True
+    if option.page_choices or kind.choices:
+        return next(name for name in (option.page_choices or kind.choices) if name != option.default)
+    value = kind.read(TEXTS[kind.name])
+    return value if kind.collect is None else kind.collect([value])
 
 
-@pytest.mark.parametrize(("command", "name"), fields())
-def test_options_of_the_command_ask_for_the_same(command: str, name: str) -> None:
-    preset = {"preset": "skimage"} if name == "settings" else {}
-    asked = COMMANDS[command](**{**preset, name: OTHER[name]})
+@pytest.mark.parametrize(
+    ("command", "option"), [(command, each) for command, kind in COMMANDS.items() for each in options_of(kind)]
+)
+def test_options_of_the_command_ask_for_the_same(command: str, option: Option) -> None:
+    asked = COMMANDS[command](**{option.name: other(option)})
     arguments = parser().parse_args([command, "photo.png", "-o", "out", *words(asked, COMMANDS[command])])
     assert request_of(COMMANDS[command], arguments) == asked
-    assert getattr(asked, name) != getattr(COMMANDS[command](), name)
+    assert getattr(asked, option.name) != option.default
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -80,9 +79,7 @@ def test_keywords_are_those_of_the_function(request_type: type, function: Callab
 def test_the_page_has_what_it_offers_and_nothing_else(message: type) -> None:
     ids = {"photo": "p", "mesh": "m"} if message is PoseMessage else {}
     for each in options_of(message):
-        value = each.page_choices[-1] if each.page_choices else 8 if each.name == "size" else OTHER[each.name]
-        if each.name == "settings":
-            value = {"cell_size": "4"}
+        value = other(each)
         text = json.dumps({**ids, each.name: value})
         if each.on_page:
             assert getattr(decoded(text, message), each.name) == value

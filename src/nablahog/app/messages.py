@@ -117,7 +117,9 @@ class PoseMessage(PoseRequest):
 
     photo: str
     mesh: str = dataclasses.field()  # an id
-    focal: float | None = option(None, "focal length, pixels", number("", "", 0, above=True), on_page=True)
+    focal: float | None = option(
+        None, "focal length, pixels", number("PIXELS", "a number above 0", 0, above=True), on_page=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
