@@ -11,7 +11,7 @@ import time
 import pytest
 import torch
 
-from nablahog.runtime.pytorch import in_threads, seeded, share_out
+from nablahog.runtime.pytorch import in_threads, run_in_threads, seeded
 
 
 def test_results_come_in_order(two_threads: None) -> None:
@@ -27,7 +27,7 @@ def test_inside_pytorch_has_one_thread_and_outside_as_many_as_before(two_threads
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 64])
 def test_every_thing_is_in_one_part(two_threads: None, count: int) -> None:
     parts: list[tuple[int, int]] = []
-    share_out(lambda start, stop: parts.append((start, stop)), count)
+    run_in_threads(lambda _, start, stop, end: parts.append((start, stop)), count, (0,), (1,))
     assert [k for start, stop in sorted(parts) for k in range(start, stop)] == list(range(count))
     assert len(parts) == min(2, count)
 
@@ -39,7 +39,7 @@ def test_the_caller_takes_a_part(two_threads: None) -> None:
         result.append(threading.current_thread())
         meeting.wait()
 
-    share_out(work, 8)
+    run_in_threads(work, 8)
     assert threading.current_thread() in result
     assert len(set(result)) == 2
 
@@ -55,7 +55,7 @@ def test_errors_of_parts_come_when_all_have_ended(two_threads: None, bad: int) -
         ended.append(start)
 
     with pytest.raises(ValueError, match="no"):
-        share_out(work, 8)
+        run_in_threads(work, 8)
     assert len(ended) == 1
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, overload
 
 import torch
@@ -13,17 +12,16 @@ from torch.autograd import forward_ad
 from ..runtime.pytorch import load_forward_mode
 from . import kernels
 from . import triton as gpu
-from .autograd import in_graph
 from .checks import check_choice
-from .inputs import WHITE, ArrayImage, advise, image_batch, to_array
+from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
+from .inputs import WHITE, ArrayImage, image_batch, to_array, warn_about_range
 from .layout import to_layout
 from .presets import as_spec
 from .spec import COLOURS, HOGSpec
-from .steps import histograms_reference, normalize_reference, spread_nan
+from .steps import histograms_reference, merge_colours, normalize_reference, separate_colours, spread_nan
 
 Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
-Step: TypeAlias = Callable[[Tensor, HOGSpec], Tensor]
 HALVES = (torch.float16, torch.bfloat16)
 
 
@@ -85,15 +83,23 @@ def hog(
     torch.Size([1, 1, 16, 16])
     """
     spec = as_spec(spec)
-    if isinstance(images, Tensor):
-        return _hog(images, spec, layout, backend)
-    batch, single = image_batch("images", images)
-    return to_array(_hog(batch, spec, layout, backend), single)
+    batch, is_single = (images, False) if isinstance(images, Tensor) else image_batch("images", images)
+    is_half = batch.dtype in HALVES
+    values = batch.float() if is_half and not (batch.is_cuda and _uses_triton(batch.device, backend)) else batch
+    _check(values, spec, backend)
+    values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
+    if not is_traced(values):
+        warn_about_range(values, spec)
+    descriptor = describe(values, spec, backend=backend)
+    if layout != "cells":
+        check_choice("layout", layout, ResultLayout)
+        descriptor = to_layout(descriptor, spec)
+    if is_half and not torch.is_autocast_enabled(batch.device.type):
+        descriptor = descriptor.to(batch.dtype)
+    return descriptor if batch is images else to_array(descriptor, is_single)
 
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
-    if not isinstance(images, Tensor):
-        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
     if images.is_nested:
         raise TypeError("images must be a torch tensor (B, C, H, W), got a nested one: write one call for each of them")
     # these channels would be columns, too few for a cell
@@ -106,7 +112,8 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise ValueError(
             f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
         )
-    spec.check_channels(images.shape[1])
+    if spec.colour == "separate":
+        spec.check_channels(images.shape[1])
     if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
         images.is_cuda and images.dtype in HALVES
     ):
@@ -114,21 +121,6 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{write}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
-
-
-def _hog(images: Tensor, spec: HOGSpec, layout: ResultLayout, backend: Backend) -> Tensor:
-    halves = isinstance(images, Tensor) and images.dtype in HALVES
-    values = images.float() if halves and not (images.is_cuda and _on_gpu(images, backend)) else images
-    _check(values, spec, backend)
-    values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
-    advise(values, spec)
-    descriptor = describe(values, spec, backend=backend)
-    if layout != "cells":
-        check_choice("layout", layout, ResultLayout)
-        descriptor = to_layout(descriptor, spec)
-    if halves and not torch.is_autocast_enabled(images.device.type):
-        return descriptor.to(images.dtype)
-    return descriptor
 
 
 class HOG(nn.Module):
@@ -160,15 +152,21 @@ class HOG(nn.Module):
         return self.spec.name + ("" if self.layout == "cells" else f", layout={self.layout!r}")
 
 
-def _on_gpu(images: Tensor, backend: Backend) -> bool:
+def _uses_triton(device: torch.device, backend: Backend) -> bool:
     """Whether Triton's kernels compute the descriptor.  Raises if ``backend`` asks for them and they cannot."""
     if backend == "triton":
-        gpu.check(images.device)
-    return backend == "triton" or (backend == "auto" and gpu.chosen(images.device))
+        gpu.check(device)
+    return backend == "triton" or (backend == "auto" and gpu.chosen(device))
 
 
-def _on_cpu(images: Tensor, spec: HOGSpec, backend: Backend) -> bool:
-    return backend == "auto" and images.is_cpu and kernels.supports(spec)
+def _choose_engine(x: Tensor, spec: HOGSpec, backend: Backend) -> Engine:
+    if backend == "auto" and x.is_cpu:
+        return kernels.engine_of(spec)
+    if not _uses_triton(x.device, backend):
+        return REFERENCE
+    from .triton.steps import ENGINE
+
+    return ENGINE
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
@@ -176,29 +174,44 @@ def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> T
 
     Entries are votes, gradient magnitudes in units of the spec's ``value_range``, 0 or more.  Images are not checked.
     """
-    native = _on_cpu(images, spec, backend)
-    triton = not native and _on_gpu(images, backend)
-    if (native or (triton and images.is_cuda)) and in_graph(images):
+    if spec.colour == "separate":
+        return _join_colours(histograms(separate_colours(images), spec.single_colour, backend=backend), spec)
+    step = _choose_engine(images, spec, backend).cells
+    if step is None:
+        spec.grid(*images.shape[-2:])  # raises if the image is too small, as the engines do with their cached tables
+        return histograms_reference(images, spec)
+    if is_traced(images):
         from .operators import cells as cells_operator  # PyTorch 2.10 cannot trace the import of a package
 
         spec.grid(*images.shape[2:])
-        cells: Tensor = cells_operator(images, spec.to_json())
-        return cells.permute(0, 3, 1, 2)
-    if native:
-        return kernels.histograms(images, spec)
-    if triton:
-        from .triton import steps
+        traced_cells: Tensor = cells_operator(images, spec.to_json())
+        return traced_cells.permute(0, 3, 1, 2)
+    return apply(step, images, spec).permute(0, 3, 1, 2)
 
-        return steps.histograms(images, spec)
-    spec.grid(*images.shape[-2:])  # raises if the image is too small, as the engines do with their cached tables
-    return histograms_reference(images, spec)
+
+def _join_colours(cells: Tensor, spec: HOGSpec) -> Tensor:
+    """Histograms (B · colours, bins, rows, cols) to (B, colours · bins, rows, cols)."""
+    return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
+
+
+def normalize(of_cells: Tensor, spec: HOGSpec) -> Tensor:
+    """The normaliser, Eq. 7: histograms (B, colours · bins, rows, cols) to (B, ``spec.channels``, rows, cols)."""
+    norm = _choose_engine(of_cells, spec, "auto").norm
+    if norm is None or is_traced(of_cells):
+        return normalize_reference(of_cells, spec)
+    cells = of_cells.reshape(-1, spec.bins, *of_cells.shape[2:]).permute(0, 2, 3, 1)
+    descriptors = apply(norm, cells, spec.single_colour).permute(0, 3, 1, 2)
+    return descriptors.reshape(-1, spec.channels, *descriptors.shape[2:])
 
 
 def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
     """Descriptors (B, rows, cols, channels) of images as :func:`hog` takes them, without its checks and warnings."""
-    if _on_cpu(images, spec, backend) and spec.normalizer.has_loops:
-        if not in_graph(images):
-            return kernels.describe(images, spec)
+    if spec.colour == "separate":
+        return merge_colours(describe(separate_colours(images), spec.single_colour, backend=backend), spec)
+    step = _choose_engine(images, spec, backend).describe
+    if step is not None:
+        if not is_traced(images):
+            return apply(step, images, spec)
         from .operators import describe as describe_operator
 
         spec.grid(*images.shape[2:])
@@ -212,21 +225,14 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
     return spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
 
 
-def _norm(of_cells: Tensor, spec: HOGSpec) -> Tensor:
-    return normalize_reference(of_cells, spec) if in_graph(of_cells) else kernels.norm(of_cells, spec)
-
-
-def steps(device: torch.device, spec: HOGSpec) -> tuple[Step, Step]:
-    """The fastest ``histograms`` of images on the device, and ``normalize``, of the dialect."""
-    native = device.type == "cpu" and kernels.supports(spec)
-    norm = _norm if native and spec.normalizer.has_loops else normalize_reference
-    return (histograms if native or gpu.chosen(device) else histograms_reference), norm
-
-
 def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     """Tangents of the cells (B, colours · bins, rows, cols) from those of the images (B, C, H, W)."""
-    if images.is_cpu and kernels.supports(spec):
-        return kernels.histograms_jvp(images, tangents, spec)
+    if spec.colour == "separate":
+        both = separate_colours(images), separate_colours(tangents)
+        return _join_colours(histograms_jvp(*both, spec.single_colour), spec)
+    step = kernels.engine_of(spec).cells if images.is_cpu else None
+    if step is not None:
+        return run_jvp(step, images.detach(), tangents, spec).permute(0, 3, 1, 2)
     load_forward_mode()
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(images.detach(), tangents)  # type: ignore[no-untyped-call]

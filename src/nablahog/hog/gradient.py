@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..runtime.pytorch import in_float64
-from .spec import COLOURS, Border, HOGSpec
+from .spec import Border, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
 BLACK = 1e-9  # values up to this count as black: second derivatives of their roots overflow a float32
@@ -134,8 +134,7 @@ def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Gx, Gy of Eq. 2, each (B, H, W), of an image (B, C, H, W) in 0…``spec.value_range``.
 
     Linear in the image for ``colour="gray"``.  For ``"largest"`` it follows the winning channel: piecewise linear, with
-    a jump where the winner changes.  For ``"separate"`` B becomes three times as large, channel after channel of each
-    image.
+    a jump where the winner changes.  Images of dialects with separate colours have one channel.
     """
     if spec.gamma == "sqrt":
         image = _root(image)
@@ -144,9 +143,6 @@ def gradient(image: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     gx, gy = _difference(image, -1, spec), _difference(image, -2, spec)
     if spec.mask == "sobel":
         gx, gy = _smoothed(gx, -2), _smoothed(gy, -1)
-    if spec.colour == "separate":
-        shape = (image.shape[0], COLOURS, *image.shape[2:])
-        return gx.expand(shape).flatten(0, 1), gy.expand(shape).flatten(0, 1)
     if image.shape[1] > 1:
         winner = _winner((gx * gx + gy * gy).detach(), spec)
         gx, gy = gx.gather(1, winner), gy.gather(1, winner)

@@ -16,7 +16,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import Parameter
 
 from ..runtime.text import what_came
 from .spec import COLOURS, HOGSpec
@@ -34,7 +33,7 @@ BEYOND = 1.0  # above white; filters overshoot by less
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
-_CALLER = 5  # frames up: this file's two, the two of the operator, and the line that called it
+_CALLER = 4  # frames up: this file's two, the operator, and the line that called it
 
 
 def image_batch(name: str, images: object) -> tuple[Tensor, bool]:
@@ -130,13 +129,11 @@ def _advice(shape: tuple[int, ...]) -> str:
     return "pass a tensor (B, C, H, W) of any C"
 
 
-def advise(images: Tensor, spec: HOGSpec) -> None:
+def warn_about_range(images: Tensor, spec: HOGSpec) -> None:
     """Warns of images (B, C, H, W) whose range or channels are seldom meant; by Python's default filter once a line.
 
-    Traced and fake tensors have no values, and other devices than the CPU are not waited for.
+    Other devices than the CPU are not waited for.
     """
-    if torch.compiler.is_compiling() or type(images) not in (Tensor, Parameter):
-        return
     channels = images.shape[1]
     if channels == COLOURS + 1:
         _warn(

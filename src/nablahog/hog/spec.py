@@ -119,10 +119,13 @@ class HOGSpec:
         _check_kind("normalizer", self.normalizer, NORMALIZERS)
         _check_kind("pooling", self.pooling, POOLINGS)
         self._check_together()
+        # made in advance: torch.compile cannot trace the making of them
         self.__dict__["text"] = self._text()
+        if self.colours > 1:
+            self.__dict__["gray"] = dataclasses.replace(self, colour="gray", layout="cells")
 
     def __hash__(self) -> int:
-        return hash(self.to_json())  # a string caches its hash: specs are looked up many times in a call
+        return hash(self.__dict__["text"])  # a string caches its hash
 
     def _check_together(self) -> None:
         self.normalizer.check(self.bins, self.signed)
@@ -228,13 +231,15 @@ class HOGSpec:
             self, vote="linear", angle="exact", directions="float32", derivative="own", boundary="first"
         )
 
-    def of_one_colour(self) -> HOGSpec:
+    @property
+    def single_colour(self) -> HOGSpec:
         """The same dialect for one channel of an image, if this one describes each channel separately."""
-        return self if self.colours == 1 else dataclasses.replace(self, colour="gray", layout="cells")
+        spec: HOGSpec = self.__dict__.get("gray", self)
+        return spec
 
     def to_json(self) -> str:
         """This spec as one line of JSON, read back by :meth:`from_json`."""
-        text: str = self.__dict__["text"]  # made in advance: torch.compile cannot trace the making of it
+        text: str = self.__dict__["text"]
         return text
 
     def _text(self) -> str:

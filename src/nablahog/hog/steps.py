@@ -39,10 +39,12 @@ def pool(votes: Tensor, spec: HOGSpec) -> Tensor:
 
 def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
     """Eq. 1-6: images (B, C, H, W) to cells (B, colours · bins, rows, cols)."""
+    if spec.colours > 1:
+        cells = histograms_reference(separate_colours(images), spec.single_colour)
+        return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
     with torch.autocast(images.device.type, enabled=False):  # its half precision would show in every library's parity
         gx, gy = gradient(spread_nan(_scaled(images, spec), images), spec)  # Eq. 1-2
-        cells = pool(votes(gx, gy, spec), spec)  # Eq. 3-6
-        return spread_nan(cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:]), images)
+        return spread_nan(pool(votes(gx, gy, spec), spec), images)  # Eq. 3-6
 
 
 def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
@@ -53,37 +55,18 @@ def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     return descriptor.reshape(-1, spec.channels, *descriptor.shape[2:])
 
 
-def separate_colours(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, C, H, W), or if colours are described separately, (B · colours, 1, H, W).
-
-    There, a pixel that is not finite makes all colours of its image NaN.
-    """
-    if images.dtype == torch.uint8 and torch.get_default_dtype() == torch.float64:
-        images = images.double() / 255
-    if spec.colours == 1:
-        return images
+def separate_colours(images: Tensor) -> Tensor:
+    """Images (B, 1 or 3, H, W) as (3 B, 1, H, W); a pixel that is not finite makes all colours of its image NaN."""
     return spread_nan(images, images).expand(-1, COLOURS, -1, -1).reshape(-1, 1, *images.shape[2:])
 
 
 def merge_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
     """From (B · colours, rows, cols, channels) to (B, rows, cols, colours · channels)."""
-    if spec.colours == 1:
-        return descriptors
     return descriptors.reshape(-1, spec.colours, *descriptors.shape[1:]).movedim(1, 3).flatten(3)
 
 
 def split_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
-    """The inverse of :func:`merge_colours`, and its vjp."""
-    if spec.colours == 1:
-        return descriptors
+    """The inverse of :func:`merge_colours`."""
     batch, rows, cols, channels = descriptors.shape
     each = descriptors.reshape(batch, rows, cols, spec.colours, channels // spec.colours)
     return each.movedim(3, 1).flatten(0, 1)
-
-
-def separate_colours_vjp(grad_output: Tensor, channels: int, spec: HOGSpec) -> Tensor:
-    """The vjp of :func:`separate_colours`, for images with a given number of channels."""
-    if spec.colours == 1:
-        return grad_output
-    each = grad_output.reshape(-1, spec.colours, *grad_output.shape[2:])
-    return each if channels == COLOURS else each.sum(dim=1, keepdim=True)

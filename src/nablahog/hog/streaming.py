@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from ..runtime.text import what_came
-from . import kernels
-from .descriptor import steps
+from .descriptor import histograms, normalize
 from .inputs import is_pil, pil_pixels
+from .kernels.loops import add_energy
 from .presets import as_spec
 from .spec import HOGSpec
 from .steps import spread_nan
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 MEMORY = 2**28  # bytes of a strip
 _SUMMED = 256  # the compiled global normaliser sums so many numbers in their own precision, then in double
-_CPU = torch.device("cpu")
 
 
 class Rows(Protocol):
@@ -159,8 +158,6 @@ def _bytes_of_row(spec: HOGSpec, reader: _Reader, size: int) -> int:
 
 
 def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[DescriptorStrip]:
-    histograms, norm = steps(_CPU, spec)
-
     def cells(pixels: Tensor, strip: Strip) -> Tensor:
         """(1, colours · bins, rows, cols)"""
         return histograms(pixels, spec)[:, :, slice(*strip.cells)]
@@ -171,7 +168,7 @@ def _strips(reader: _Reader, spec: HOGSpec, strips: list[Strip]) -> Iterator[Des
     for strip in strips:
         pixels = reader(*strip.pixels)
         descriptor = cells(pixels, strip)
-        descriptor = norm(descriptor, spec) if scale is None else descriptor * scale.to(descriptor)
+        descriptor = normalize(descriptor, spec) if scale is None else descriptor * scale.to(descriptor)
         descriptor = spread_nan(descriptor, pixels)
         first, last = strip.rows
         rows = descriptor[0, :, strip.before : strip.before + last - first]
@@ -185,9 +182,9 @@ def _scale(strips: Iterator[Tensor], spec: HOGSpec) -> Tensor:
     """
     energies = [_Energy() for _ in range(spec.colours)]
     for strip in strips:
-        each = strip.reshape(spec.colours, spec.bins, *strip.shape[2:]).permute(0, 2, 3, 1)
-        for energy, histograms in zip(energies, each, strict=True):
-            energy.add(histograms.contiguous().numpy().reshape(-1))
+        colours = strip.reshape(spec.colours, spec.bins, *strip.shape[2:]).permute(0, 2, 3, 1)
+        for energy, cells in zip(energies, colours, strict=True):
+            energy.add(cells.contiguous().numpy().reshape(-1))
     factors = []
     for energy in energies:
         factors += [spec.normalizer.image_factor(energy.total())] * spec.bins
@@ -205,9 +202,9 @@ class _Energy:
         """More numbers (n,)."""
         values = values if self._rest is None else np.concatenate([self._rest, values])
         whole = len(values) // _SUMMED * _SUMMED
-        self._total = kernels.add_energy(values[:whole], self._total)
+        self._total = add_energy(values[:whole], self._total)
         self._rest = values[whole:].copy()
 
     def total(self) -> float:
         """The sum of everything so far."""
-        return self._total if self._rest is None else kernels.add_energy(self._rest, self._total)
+        return self._total if self._rest is None else add_energy(self._rest, self._total)

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
-from ..hog.descriptor import histograms, steps
+from ..hog.descriptor import histograms, normalize
 from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
@@ -74,7 +74,7 @@ def recover_histograms(
     each = split_colours(descriptor, spec)
     histograms = spec.normalizer.invert(each.permute(0, 3, 1, 2))
     if histograms is None:
-        histograms = _least_squares(each, spec.of_one_colour(), size, max_evaluations)
+        histograms = _least_squares(each, spec.single_colour, size, max_evaluations)
     histograms = histograms.reshape(len(descriptor), -1, *histograms.shape[2:]).clamp(min=0)  # as votes are
     return histograms if spec.normalizer.fixes_contrast else at_nominal_contrast(histograms, spec, size)
 
@@ -82,7 +82,6 @@ def recover_histograms(
 def normalization_error(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """‖N(h) - d‖ / ‖d‖ with N the dialect's normaliser, (B,): near 0 where some histograms h have the descriptor d."""
     spec = searchable(spec)
-    _, normalize = steps(descriptor.device, spec)
     residual = normalize(recover_histograms(descriptor, spec, size), spec) - descriptor.permute(0, 3, 1, 2)
     return (squared_norm(residual) / squared_norm(descriptor)).sqrt()
 
@@ -127,7 +126,6 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MOST)  # else clipped cells run away
     scale = squared_norm(target)
-    _, normalize = steps(target.device, spec)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:

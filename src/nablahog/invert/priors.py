@@ -18,7 +18,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import avg_pool2d
 
 from .. import native
-from ..hog.descriptor import histograms, steps
+from ..hog.descriptor import histograms, normalize
 from ..hog.orientation import magnitude, vanishing
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
@@ -156,8 +156,7 @@ class CoarserDescriptor(Prior):
         return difference.flatten(1) * self._scale().sqrt().unsqueeze(1)
 
     def __call__(self, image: Tensor) -> Tensor:
-        to_cells, normalize = steps(image.device, self.spec)
-        cells = to_cells(avg_pool2d(image, self.factor), self.spec)
+        cells = histograms(avg_pool2d(image, self.factor), self.spec)
         difference = normalize(cells, self.spec) - self.descriptor.permute(0, 3, 1, 2)
         return self.weight * difference.square().sum(dim=(1, 2, 3)) * self._scale()
 

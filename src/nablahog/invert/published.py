@@ -17,7 +17,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..hog.descriptor import histograms_jvp, steps
+from ..hog.descriptor import histograms, histograms_jvp, normalize
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..optimize import dogleg
@@ -167,7 +167,6 @@ class PublishedObjective:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
         self.length = descriptor.flatten(1).norm(dim=1).clamp(min=torch.finfo(descriptor.dtype).tiny)
         self.distance = torch.zeros_like(self.length)
-        self.histograms, self.normalize = steps(descriptor.device, spec)
 
     def images(self, points: Tensor) -> Tensor:
         return points.reshape(-1, 1, *self.size)
@@ -180,7 +179,7 @@ class PublishedObjective:
         with torch.enable_grad():
             points = points.detach().requires_grad_()
             images = self.images(points)
-            difference = self.normalize(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
+            difference = normalize(histograms(images, self.spec), self.spec) - self.descriptor[index]
             value = torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1).square().sum(1)
         (gradient,) = torch.autograd.grad(value.sum(), points)
         self.distance[index] = difference.detach().flatten(1).norm(dim=1) / self.length[index]
@@ -188,7 +187,7 @@ class PublishedObjective:
 
     def residuals(self, points: Tensor, index: Tensor) -> Tensor:
         images = self.images(points)
-        difference = normalize_reference(self.histograms(images, self.spec), self.spec) - self.descriptor[index]
+        difference = normalize_reference(histograms(images, self.spec), self.spec) - self.descriptor[index]
         return torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1)
 
     def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
@@ -205,9 +204,9 @@ class PublishedJacobian:
         self._objective, spec = objective, objective.spec
         with torch.enable_grad():
             self._images = objective.images(points.detach()).requires_grad_()
-            self._cells = objective.histograms(self._images, spec)
+            self._cells = histograms(self._images, spec)
             self._leaf = self._cells.detach().requires_grad_()
-            self._descriptor = objective.normalize(self._leaf, spec)
+            self._descriptor = normalize(self._leaf, spec)
             described = normalize_reference(self._leaf, spec)
             self._cotangents = torch.zeros_like(described, requires_grad=True)
             (self._norm_vjp,) = torch.autograd.grad(described, self._leaf, self._cotangents, create_graph=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from ..hog.descriptor import histograms, steps
+from ..hog.descriptor import histograms, normalize
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..optimize import MINIMISERS, Minimiser
@@ -71,7 +71,6 @@ class PreimageObjective:
         self.descriptor_size = squared_norm(descriptor)
         self.compared_size = self.descriptor_size if votes is None else squared_norm(votes)
         self.votes_at_once = votes_at_once(descriptor)
-        self.histograms, self.normalize = steps(descriptor.device, spec)
         self.expected = expected
         if expected is not None:
             size = (expected - expected.mean(dim=(2, 3), keepdim=True)).square().sum(dim=(1, 2, 3))
@@ -133,9 +132,9 @@ class PreimageObjective:
     def _evaluate_image(self, image: Tensor, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The same, with gradients with respect to the images."""
         image = image.detach().requires_grad_()
-        cells = self.histograms(image, self.spec)
+        cells = histograms(image, self.spec)
         with torch.set_grad_enabled(self.votes is None):
-            difference = self.normalize(cells, self.spec) - self.descriptor[index]
+            difference = normalize(cells, self.spec) - self.descriptor[index]
             distance = difference.square().sum(dim=(1, 2, 3)) / self.descriptor_size[index]
         value = distance
         if self.votes is not None:

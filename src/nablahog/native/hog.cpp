@@ -64,12 +64,12 @@ NABLAHOG_API int nablahog_hog(const nablahog_plan* plan, const void* pixels, con
   });
 }
 
-// Bands of one image.  Sets `broken` to 1 where a pixel is not finite.
+// Bands of one image.  Sets `broken`, of the first band, to 1 where a pixel is not finite.
 NABLAHOG_API int nablahog_hog_bands(const nablahog_plan* plan, const void* pixels, const int64_t* strides,
                                     int64_t first, int64_t last, void* band_cells, uint8_t* broken) {
   return nablahog::guarded([&] {
     with_types(*plan, [&]<class T, class Rule>() {
-      *broken = nablahog::forward_bands<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
+      broken[first] = nablahog::forward_bands<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
                                                  static_cast<T*>(band_cells));
     });
   });
@@ -100,13 +100,14 @@ NABLAHOG_API int nablahog_hog_vjp(const nablahog_plan* plan, const void* pixels,
   });
 }
 
-// Rows of the gradient of one image from that of its cells.  Sets `broken` to 1 where a pixel is not finite.
+// Rows of the gradient of one image from that of its cells.  Sets `broken`, of the first row, to 1 where a pixel is not
+// finite.
 NABLAHOG_API int nablahog_hog_vjp_rows(const nablahog_plan* plan, const void* pixels, const int64_t* strides,
                                        int64_t first, int64_t last, const void* grad_cells, void* grad_image,
                                        uint8_t* broken) {
   return nablahog::guarded([&] {
     with_types(*plan, [&]<class T, class Rule>() {
-      *broken = nablahog::vjp_rows<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
+      broken[first] = nablahog::vjp_rows<T, Rule>(*plan, images_at(pixels, strides), Range{first, last},
                                             static_cast<const T*>(grad_cells), static_cast<T*>(grad_image));
     });
   });

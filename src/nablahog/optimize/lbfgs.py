@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from .. import native
-from ..runtime.pytorch import share_out
+from ..runtime.pytorch import run_in_threads
 from .lbfgs_decisions import Decisions, SearchState, decide
 from .problems import (
     Minimum,
@@ -143,7 +143,7 @@ class NativeVectors(Vectors):
     def _loop(self, loop: Any, trial_gradient: Tensor, *arrays: Numbers) -> None:
         (count, n), double = self.x.shape, self.x.dtype == torch.float64
         rest = n, *self._all.shape[1:], self.memory, self._all, self._newest, trial_gradient, *arrays
-        share_out(lambda start, stop: loop(double, start, stop, *rest), count)
+        run_in_threads(loop, count, (double,), rest)
 
 
 class LbfgsSearch:

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog.descriptor import steps
+from ..hog.descriptor import histograms, normalize
 from ..hog.gradient import gray
 from ..hog.presets import as_spec, aubry
 from ..hog.spec import HOGSpec
@@ -131,7 +131,6 @@ def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
 
 def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
     """Descriptors (C, rows, cols), float64, of an image (H, W) at all scales, without their outermost cells."""
-    histograms, normalize = steps(image.device, spec)
     height, width = least_size(spec, order)
     scale, small = 1.0, image
     while small.shape[0] >= height and small.shape[1] >= width:

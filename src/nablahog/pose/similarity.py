@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ..hog import hog
 from ..hog.box import Box
-from ..hog.descriptor import steps
+from ..hog.descriptor import histograms, normalize
 from ..hog.spec import HOGSpec
 from ..render import Camera, Renderer
 from ..render.camera import pose_vjp
@@ -35,7 +35,6 @@ _BATCH = 32  # renderings at a time, few enough for the processor's cache
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """φ: gray images (B, 1, H, W) to descriptors (B, C, rows, cols)."""
-    histograms, normalize = steps(images.device, spec)
     return normalize(histograms(images, spec), spec)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..runtime.pytorch import share_out
+from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_poses, pose_jacobian, pose_vjp
 from .mesh import Mesh, check_mesh
 from .pipeline import render_torch
@@ -166,7 +166,7 @@ class Renderer:
             self.method == "edges",
             numbers,
         )
-        share_out(lambda first, last: _render(*arguments, first, last, image, pointer), len(poses))
+        run_in_threads(_render, len(poses), arguments, (image, pointer))
         return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
 
     @cached_property

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from functools import cache, lru_cache, wraps
 from itertools import pairwise
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch.autograd import forward_ad
@@ -30,25 +30,27 @@ def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
     return list(_pool(threads).map(work, range(count)))
 
 
-def share_out(work: Callable[[int, int], None], count: int) -> None:
-    """Calls ``work(start, stop)`` for equal parts of ``range(count)``, one a thread; the caller's thread takes one.
+def run_in_threads(
+    loop: Callable[..., None], count: int, before: tuple[Any, ...] = (), after: tuple[Any, ...] = ()
+) -> None:
+    """Calls ``loop(*before, start, stop, *after)`` for equal parts of ``range(count)``, one a thread.
 
-    For loops that call nothing of PyTorch.
+    The caller's thread takes one of them.  For loops that call nothing of PyTorch.
     """
     threads = torch.get_num_threads()
     parts = min(threads, count)
     if parts < 2:
         if count:
-            work(0, count)
+            loop(*before, 0, count, *after)
         return
     ends = [count * k // parts for k in range(1, parts + 1)]
-    others = [_pool(threads).submit(work, *each) for each in pairwise(ends)]
+    futures = [_pool(threads).submit(loop, *before, *ends_of_part, *after) for ends_of_part in pairwise(ends)]
     try:
-        work(0, ends[0])
+        loop(*before, 0, ends[0], *after)
     finally:
-        wait(others)
-    for other in others:
-        other.result()
+        wait(futures)
+    for future in futures:
+        future.result()
 
 
 @lru_cache

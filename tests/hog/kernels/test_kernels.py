@@ -16,27 +16,20 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog, presets
-from nablahog.hog.descriptor import Backend, steps
-from nablahog.hog.kernels import supports
+from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
+from nablahog.hog.descriptor import Backend, histograms, normalize
+from nablahog.hog.engine import REFERENCE
+from nablahog.hog.kernels import ENGINE, engine_of, supports
 from nablahog.hog.normalizers import NORMALIZERS, PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from ..zoo import SPECS, integers, noise, spec
 
-CPU = torch.device("cpu")
 BACKENDS: tuple[Backend, ...] = ("auto", "torch")
 DTYPES = [torch.float32, torch.float64]
 dtypes = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
 COMPILED = [name for name, s in SPECS.items() if supports(s)]
 specs = pytest.mark.parametrize("name", COMPILED)
-
-
-def fast(s: HOGSpec) -> tuple[Any, Any]:
-    """The compiled steps."""
-    of_cells, norm = steps(CPU, s)
-    assert of_cells is not histograms_reference
-    return of_cells, norm
 
 
 def channels(s: HOGSpec) -> int:
@@ -76,7 +69,7 @@ def assert_same(compiled_step: Any, reference_step: Any, x: Tensor, s: HOGSpec) 
 @specs
 def test_histograms_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
-    assert_same(fast(s)[0], histograms_reference, noise(3, channels(s), 17, 14, dtype=dtype), s)
+    assert_same(histograms, histograms_reference, noise(3, channels(s), 17, 14, dtype=dtype), s)
 
 
 @dtypes
@@ -86,7 +79,7 @@ def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
     s = SPECS[name]
     if dtype == torch.float32 and (s.gamma == "sqrt" or s.mask == "sobel"):
         pytest.skip("roots and sums are not exact: whether two components are equal depends on the last digit")
-    assert_same(fast(s)[0], histograms_reference, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
+    assert_same(histograms, histograms_reference, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
 
 
 @specs
@@ -98,14 +91,14 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     )
     x[1] //= 32
     plain = histograms_reference(x, s)
-    assert_close(fast(s)[0](x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
+    assert_close(histograms(x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
 
 
 @dtypes
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
     s = spec(signed=True, bins=bins, bin_offset=0.0)
-    assert_same(fast(s)[0], histograms_reference, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
+    assert_same(histograms, histograms_reference, integers(2, 1, 16, 16, levels=2, dtype=dtype), s)
 
 
 @dtypes
@@ -116,7 +109,7 @@ def test_hard_votes_on_diagonals(orientations: int, directions: str, dtype: torc
     s = spec(vote="hard", directions=directions, bin_offset=0.0, bins=2 * orientations, signed=True, value_range=255.0)
     x = integers(2, 1, 40, 40, levels=16, dtype=dtype)
     plain = histograms_reference(x, s)
-    assert_close(fast(s)[0](x, s), plain, rtol=0, atol=1e-5 * float(plain.max()))
+    assert_close(histograms(x, s), plain, rtol=0, atol=1e-5 * float(plain.max()))
 
 
 @specs
@@ -141,7 +134,7 @@ def test_normalisers_are_those_of_the_reference(name: str, dtype: torch.dtype) -
     x = noise(2, s.colours * s.bins, 5, 6, dtype=dtype)
     x[0, :, 0] = 0  # empty cells
     x[1, :, 2] *= 1e-3
-    assert_same(fast(s)[1], normalize_reference, x, s)
+    assert_same(normalize, normalize_reference, x, s)
 
 
 def test_an_entry_exactly_at_the_clip() -> None:
@@ -150,7 +143,7 @@ def test_an_entry_exactly_at_the_clip() -> None:
     exact = FourBlockNorm(epsilon=1.0, clip=float((x[0, 0] / torch.sqrt(8 * x[0, 0] ** 2 / 2 + 1)).item()))
     for each in (scheme, exact):
         s = spec(signed=True, bins=4, normalizer=each)
-        assert_same(fast(s)[1], normalize_reference, x, s)
+        assert_same(normalize, normalize_reference, x, s)
 
 
 @specs
@@ -168,10 +161,10 @@ def test_any_strides(name: str) -> None:
     assert torch.equal(hog(gray, s), hog(gray.contiguous(), s))
 
 
-def test_reference_steps_on_other_devices_and_for_other_dialects() -> None:
-    assert steps(torch.device("meta"), presets.paper()) == (histograms_reference, normalize_reference)
+def test_which_dialects_have_loops() -> None:
     assert [name for name, s in SPECS.items() if not supports(s)] == ["sobel", "sobel-separate"]
-    assert steps(CPU, SPECS["sobel"]) == (histograms_reference, normalize_reference)
+    assert engine_of(SPECS["sobel"]) is REFERENCE
+    assert engine_of(SPECS["uoctti"]) is ENGINE
 
 
 @pytest.mark.parametrize("signed", [False, True])
@@ -181,7 +174,7 @@ def test_right_angles_are_kinks_of_any_number_of_bins(signed: bool) -> None:
     images = torch.stack([stripes.expand(12, 12), stripes.expand(12, 12).T, stripes.flip(0).expand(12, 12)])[:, None]
     for bins in range(3, 41):
         s = spec(bins=bins, signed=signed, bin_offset=0.0, cell_size=(4, 4))
-        assert_same(fast(s)[0], histograms_reference, images, s)
+        assert_same(histograms, histograms_reference, images, s)
 
 
 def test_huge_gradients_of_empty_bins_cancel_nowhere() -> None:

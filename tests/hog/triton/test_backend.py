@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,9 +13,9 @@ import torch
 
 from nablahog import hog, presets
 from nablahog.hog import triton as kernels
+from nablahog.hog.engine import REFERENCE, Engine
 from nablahog.hog.kernels.plan import VOTES
 from nablahog.hog.orientation import HARD_VOTES, LINEAR_VOTES
-from nablahog.hog.steps import histograms_reference, normalize_reference
 from nablahog.hog.triton import steps
 
 from ..zoo import noise
@@ -33,6 +34,13 @@ def forgetful() -> Any:
         each.cache_clear()
 
 
+def chosen_engine() -> Engine:
+    """For images on a GPU."""
+    images: Any = SimpleNamespace(device=CUDA, is_cpu=False)
+    engine: Engine = importlib.import_module("nablahog.hog.descriptor")._choose_engine(images, presets.paper(), "auto")
+    return engine
+
+
 def test_every_vote_rule_has_a_function() -> None:
     rules = [*LINEAR_VOTES.values(), *HARD_VOTES.values()]
     assert {rule.name for rule in rules} == {*steps.RULES} == {*VOTES}
@@ -41,8 +49,7 @@ def test_every_vote_rule_has_a_function() -> None:
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
-    of_hog = importlib.import_module("nablahog.hog.descriptor")
-    assert of_hog.steps(CUDA, presets.paper()) == (of_hog.histograms, normalize_reference)
+    assert chosen_engine() is steps.ENGINE
     assert not kernels.chosen(torch.device("cpu"))
 
 
@@ -56,9 +63,8 @@ def test_without_it_the_plain_steps_compute_and_say_so_once(
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (6, 1))
     if "installed" in reason:
         monkeypatch.setattr(kernels, "find_spec", lambda _: None)
-    of_hog = importlib.import_module("nablahog.hog.descriptor")
     for _ in range(2):
-        assert of_hog.steps(CUDA, presets.paper()) == (histograms_reference, normalize_reference)
+        assert chosen_engine() is REFERENCE
     (said,) = [str(each.message) for each in recwarn]
     assert reason in said
     with pytest.raises(ModuleNotFoundError, match=reason):

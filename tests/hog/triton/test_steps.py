@@ -13,6 +13,8 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, hog
+from nablahog.hog.descriptor import Backend, histograms
+from nablahog.hog.engine import make_step
 from nablahog.hog.steps import histograms_reference
 from nablahog.hog.triton import steps
 
@@ -42,24 +44,18 @@ def waves(like: Tensor, last: float) -> Tensor:
     return torch.linspace(0, last, like.numel(), dtype=torch.float64).cos().view(like.shape).to(like)
 
 
-def computed(x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor]:
-    """Cells and their vjp."""
-    x = x.to(DEVICE)
-    result, saved = steps.CELLS.run(x, s)
-    return result.cpu(), steps.CELLS.vjp(x, saved, waves(result, 40), s).cpu()
-
-
-def expected(x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor]:
-    """The same by the reference steps."""
-    result, vjp = torch.func.vjp(lambda of: steps.CELLS.reference(of, s), x)
-    return result, vjp(waves(result, 40))[0]
+def computed(x: Tensor, s: HOGSpec, backend: Backend = "triton") -> tuple[Tensor, Tensor]:
+    """Cells (B, rows, cols, colours · bins) and their vjp."""
+    x = x.detach().to(DEVICE if backend == "triton" else "cpu").requires_grad_()
+    result = histograms(x, s, backend=backend).permute(0, 2, 3, 1)
+    return result.detach().cpu(), torch.autograd.grad(result, x, waves(result, 40))[0].cpu()
 
 
 def assert_same(x: Tensor, s: HOGSpec) -> None:
     """As the reference in float64, or in float32 if the angle is VLFeat's, relative to the largest entry."""
     of_float = s.angle == "vlfeat"  # an arccosine of a float32 whatever the image
     tolerance = SINGLE if x.dtype == torch.float32 or of_float else 1e-11
-    for got, of_reference in zip(computed(x, s), expected(x if of_float else x.double(), s), strict=True):
+    for got, of_reference in zip(computed(x, s), computed(x if of_float else x.double(), s, "torch"), strict=True):
         assert got.shape == of_reference.shape
         assert got.dtype == x.dtype
         of_reference = of_reference.to(x.dtype)
@@ -105,7 +101,8 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     x = torch.randint(256, (2, 3, 20, 19), dtype=torch.uint8, generator=generator)
     x[1] //= 32
     plain = histograms_reference(x, s).permute(0, 2, 3, 1)
-    assert_close(steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), plain, rtol=0, atol=1e-6 * float(plain.max()))
+    got = histograms(x.to(DEVICE), s, backend="triton").permute(0, 2, 3, 1).cpu()
+    assert_close(got, plain, rtol=0, atol=1e-6 * float(plain.max()))
 
 
 @pytest.mark.slow
@@ -125,12 +122,10 @@ def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
     x = noise(1, 3, 15, 13).to(dtype)
     for name in ("paper", "uoctti"):
         s = SPECS[name]
-        descriptor, saved = steps.CELLS.run(x.to(DEVICE), s)
-        wide, saved_wide = steps.CELLS.run(x.float().to(DEVICE), s)
-        assert torch.equal(descriptor, wide)
-        grad = steps.CELLS.vjp(x.to(DEVICE), saved, wide, s)
+        (cells, grad), (wide, grad_wide) = computed(x, s), computed(x.float(), s)
+        assert torch.equal(cells, wide)
         assert grad.dtype == dtype
-        assert_close(grad, steps.CELLS.vjp(x.float().to(DEVICE), saved_wide, wide, s).to(dtype))
+        assert_close(grad, grad_wide.to(dtype))
 
 
 @pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
@@ -158,7 +153,7 @@ def test_odd_sizes(shape: tuple[int, ...]) -> None:
 def test_cells_wider_than_what_a_lane_reads_at_once(size: tuple[int, int]) -> None:
     s = spec(cell_size=size, vote="hard", partial_cells="ceil")
     x = noise(1, 1, size[0] + 3, size[1] + 2)
-    result, plain = steps.CELLS.run(x.to(DEVICE), s)[0].cpu(), histograms_reference(x, s).permute(0, 2, 3, 1)
+    result, plain = computed(x, s)[0], histograms_reference(x, s).permute(0, 2, 3, 1)
     assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
 
 
@@ -168,9 +163,9 @@ def test_planes_that_are_far_apart() -> None:
     memory = torch.empty(2 * apart + 64, dtype=torch.uint8, device=DEVICE)
     near = torch.randint(256, (1, 3, 8, 8), dtype=torch.uint8).to(DEVICE)
     far = memory.as_strided((1, 3, 8, 8), (64, apart, 8, 1)).copy_(near)
-    results, saved = zip(*(steps.CELLS.run(x, s) for x in (near, far)), strict=True)
+    results, saved = zip(*(steps.flagged_cells(x, s) for x in (near, far)), strict=True)
     assert torch.equal(*results)
-    assert torch.equal(*(steps.CELLS.vjp(x, saved[0], results[0], s) for x in (near, far)))
+    assert torch.equal(*(steps.flagged_cells_vjp(x, saved[0], results[0], s) for x in (near, far)))
 
 
 def test_an_empty_batch() -> None:
@@ -219,3 +214,16 @@ def test_transforms_and_second_derivatives() -> None:
         return torch.autograd.grad((grad * waves(x, 30)).sum(), z)[0]
 
     assert_close(product("triton"), product("torch"), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["paper", "uoctti"])
+def test_the_step_of_graphs_that_were_exported_on_a_cpu(name: str) -> None:
+    s, x = SPECS[name], noise(2, 3, 9, 13).to(DEVICE)
+    x[1, 0, 8, 12] = math.nan
+    step = make_step(steps.TritonDescribe, s, x.shape[1:], x.dtype, x.dtype)
+    descriptors, saved = step.run(x)
+    z = x.clone().requires_grad_()
+    plain = hog(z, s, backend="torch")
+    assert_close(descriptors, plain, rtol=0, atol=1e-11, equal_nan=True)
+    grad = torch.autograd.grad(plain, z, waves(plain, 40))[0]
+    assert_close(step.vjp(x, saved, waves(plain, 40)), grad, rtol=0, atol=1e-9, equal_nan=True)

@@ -1,11 +1,11 @@
-"""The native loops on tensors, shared out to threads: by images, or by rows of a single large one."""
+"""The steps as native loops on tensors, shared out to threads: by images, or by rows of a single large one."""
 
 from __future__ import annotations
 
 import ctypes
 from ctypes import c_double, c_int32, c_int64, c_void_p
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ... import native
-from ...runtime.pytorch import share_out
+from ...runtime.pytorch import run_in_threads
+from ..engine import Cells, Describe, Norm, OutputAndSaved, Step
 from ..spec import HOGSpec
 from .plan import NormPlan, Plan
 
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
+_CPU = torch.device("cpu")  # whatever the default device is
 _PIXELS = c_void_p, c_void_p, c_void_p  # plan, images, strides
 _RANGE = c_int64, c_int64
 _hog = native.function("hog", *_PIXELS, *_RANGE, c_void_p, c_void_p)
@@ -30,7 +32,6 @@ _hog_jvp = native.function("hog_jvp", *_PIXELS, *_RANGE, c_void_p, c_void_p, c_v
 _normalize = native.function("normalize", c_void_p, *_RANGE, c_void_p, c_void_p)
 _normalize_vjp = native.function("normalize_vjp", c_void_p, *_RANGE, c_void_p, c_void_p, c_void_p)
 _normalize_jvp = native.function("normalize_jvp", c_void_p, *_RANGE, c_void_p, c_void_p, c_void_p)
-
 _energy = native.function("long_energy", c_int32, c_void_p, c_int64, c_void_p)
 
 
@@ -41,170 +42,130 @@ def _strides(*strides: int) -> tuple[Any, int]:
     return array, ctypes.addressof(array)
 
 
-class _Operator:
-    """The loops of a dialect, for images (channels, height, width) of one dtype.
+class _ImageStep(Step):
+    """Images to cells or, if it ``normalizes``, to descriptors.  Images of any strides are read without a copy."""
 
-    Attributes:
-        for_derivatives: the same of the dialect whose derivative is meant: itself, unless ``spec.derivative`` says
-            otherwise.
-    """
+    normalizes: ClassVar[bool]
 
-    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype) -> None:
-        channels, height, width = shape
-        self.plan = Plan(spec, (channels, height, width), stored)
-        self.shape, self.height, self.bands = shape, height, int(self.plan.struct.rows.stretches)
-        self.large = height * width >= _LARGE
-        jumps = spec.vote == "hard" and spec.derivative == "linear"
-        self.for_derivatives = _operator(spec.with_linear_votes(), shape, stored) if jumps else self
+    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype) -> None:
+        super().__init__(spec, shape, stored, real)
+        self.converts = stored == torch.uint8 and real == torch.float64  # the loops compute bytes in float32
+        self._stored = real if self.converts else stored
+        self._channels, self.height, self._width = shape
+        self.is_large = self.height * self._width >= _LARGE
 
-    def in_rows(self, batch: int) -> bool:
-        """Whether threads share out parts of an image, not whole ones."""
-        return self.large and batch == 1 and torch.get_num_threads() > 1
+    def _make_plan(self, spec: HOGSpec) -> Plan:
+        return Plan(spec, (self._channels, self.height, self._width), self._stored)
 
-    def cells_in_bands(self, pixels: tuple[int, ...], cells: Tensor) -> None:
+    @cached_property
+    def plan(self) -> Plan:
+        """Made in the first run, where no transform of PyTorch is active."""
+        return self._make_plan(self.spec)
+
+    @cached_property
+    def derivative(self) -> Plan:
+        """Of the dialect whose derivative is meant."""
+        jumps = self.spec.vote == "hard" and self.spec.derivative == "linear"
+        return self._make_plan(self.spec.with_linear_votes()) if jumps else self.plan
+
+    def run(self, x: Tensor) -> OutputAndSaved:
+        """Descriptors and cells, or cells and nothing."""
+        x = x.double() / 255 if self.converts else x
+        count, plan = x.shape[0], self.plan
+        cells = torch.empty((count, *plan.cells), dtype=plan.dtype, device=_CPU)
+        size = (count, *plan.grid) if self.normalizes else (count, 0)
+        descriptors = torch.empty(size, dtype=plan.dtype, device=_CPU)
+        pixels, out = (plan.address, x.data_ptr(), _strides(*x.stride())[1]), descriptors.data_ptr()
+        if self.is_large and count == 1 and torch.get_num_threads() > 1:
+            self._fill_in_bands(pixels, cells)
+            if self.normalizes:
+                _normalize(plan.address, 0, 1, cells.data_ptr(), out)
+        else:
+            run_in_threads(_hog, count, pixels, (cells.data_ptr(), out if self.normalizes else None))
+        return (descriptors, cells) if self.normalizes else (cells, descriptors)
+
+    def _fill_in_bands(self, pixels: tuple[int, ...], cells: Tensor) -> None:
         """The cells of one image, whose bands are shared out."""
-        size = c_int64()
+        size, bands = c_int64(), int(self.plan.struct.rows.stretches)
         _band_size(self.plan.address, ctypes.byref(size))
-        band_cells, broken = self.plan.empty(self.bands, size.value), np.zeros(self.bands, np.uint8)
-        to, flags = band_cells.data_ptr(), broken.ctypes.data
-
-        def work(first: int, last: int) -> None:
-            _hog_bands(self.plan.address, *pixels, first, last, to, flags + first)
-
-        share_out(work, self.bands)
-        _join_bands(self.plan.address, to, cells.data_ptr())
+        band_cells = torch.empty((bands, size.value), dtype=self.plan.dtype, device=_CPU)
+        broken = np.zeros(bands, np.uint8)
+        run_in_threads(_hog_bands, bands, pixels, (band_cells.data_ptr(), broken.ctypes.data))
+        _join_bands(self.plan.address, band_cells.data_ptr(), cells.data_ptr())
         if broken.any():
             cells.fill_(torch.nan)
 
-    def vjp_in_rows(self, pixels: tuple[int, ...], grad_cells: Tensor, grad_images: Tensor) -> None:
-        """The gradient of one image, whose rows are shared out."""
-        broken = np.zeros(self.height, np.uint8)
-        grad, to, flags = grad_cells.data_ptr(), grad_images.data_ptr(), broken.ctypes.data
+    def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
+        count, plan, cells, grad = x.shape[0], self.derivative, saved.contiguous(), grad_output.contiguous()
+        grad_images = torch.empty_like(x, memory_format=torch.contiguous_format)
+        pixels, out = (plan.address, x.data_ptr(), _strides(*x.stride())[1]), grad_images.data_ptr()
+        if self.is_large and count == 1 and torch.get_num_threads() > 1:
+            if self.normalizes:
+                grad_cells = torch.empty_like(cells)
+                _normalize_vjp(plan.address, 0, 1, cells.data_ptr(), grad.data_ptr(), grad_cells.data_ptr())
+                grad = grad_cells
+            broken = np.zeros(self.height, np.uint8)
+            run_in_threads(_hog_vjp_rows, self.height, pixels, (grad.data_ptr(), out, broken.ctypes.data))
+            if broken.any():
+                grad_images.fill_(torch.nan)
+        else:
+            of_cells = cells.data_ptr() if self.normalizes else None
+            run_in_threads(_hog_vjp, count, pixels, (of_cells, grad.data_ptr(), out))
+        return grad_images
 
-        def work(first: int, last: int) -> None:
-            _hog_vjp_rows(self.plan.address, *pixels, first, last, grad, to, flags + first)
-
-        share_out(work, self.height)
-        if broken.any():
-            grad_images.fill_(torch.nan)
-
-
-_operator = lru_cache(maxsize=64)(_Operator)
-
-
-def _of(images: Tensor, spec: HOGSpec) -> tuple[_Operator, tuple[int, int]]:
-    """The loops, and where the images and their strides are; of any strides without a copy."""
-    operator = _operator(spec, images.shape[1:], images.dtype)
-    return operator, (images.data_ptr(), _strides(*images.stride())[1])
-
-
-def _run(loop: Any, plan: NormPlan, count: int, *tensors: Tensor | None, pixels: tuple[int, ...] = ()) -> None:
-    """Runs a loop for all of ``count`` images, shared out to threads."""
-    at = plan.address, *pixels
-    addresses = [None if tensor is None else tensor.data_ptr() for tensor in tensors]
-    share_out(lambda first, last: loop(*at, first, last, *addresses), count)
-
-
-def cells(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Eq. 1-6: images (B, C, H, W), C = 1 if colours are separate, to cells (B, rows, cols, bins)."""
-    operator, pixels = _of(images, spec)
-    out = operator.plan.empty(len(images), *operator.plan.cells)
-    if operator.in_rows(len(images)):
-        operator.cells_in_bands(pixels, out)
-    else:
-        _run(_hog, operator.plan, len(images), out, None, pixels=pixels)
-    return out
+    def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
+        count, plan, cells, tangent = x.shape[0], self.derivative, saved.contiguous(), tangent.contiguous()
+        size = plan.grid if self.normalizes else plan.cells
+        out = torch.empty((count, *size), dtype=plan.dtype, device=_CPU)
+        of_cells = cells.data_ptr() if self.normalizes else None
+        pixels = plan.address, x.data_ptr(), _strides(*x.stride())[1]
+        run_in_threads(_hog_jvp, count, pixels, (tangent.data_ptr(), of_cells, out.data_ptr()))
+        return out
 
 
-def describe(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """Eq. 1-7: descriptors (B, rows, cols, channels) and, for their derivatives, cells (B, rows, cols, bins)."""
-    operator, pixels = _of(images, spec)
-    batch, plan = len(images), operator.plan
-    cells, out = plan.empty(batch, *plan.cells), plan.empty(batch, *plan.grid)
-    if operator.in_rows(batch):
-        operator.cells_in_bands(pixels, cells)
-        _run(_normalize, plan, 1, cells, out)
-    else:
-        _run(_hog, plan, batch, cells, out, pixels=pixels)
-    return out, cells
+class NativeCells(_ImageStep, Cells):
+    """Eq. 1-6."""
+
+    normalizes = False
 
 
-def cells_vjp(images: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients of the images from ``grad_cells`` (B, rows, cols, bins)."""
-    return _vjp(images, None, grad_cells, spec)
+class NativeDescribe(_ImageStep, Describe):
+    """Eq. 1-7."""
+
+    normalizes = True
 
 
-def describe_vjp(images: Tensor, cells: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients of the images from those of the descriptors."""
-    return _vjp(images, cells.contiguous(), grad_output, spec)
+class NativeNorm(Norm):
+    """Eq. 7."""
 
+    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype) -> None:
+        super().__init__(spec, shape, stored, real)
+        self.plan = NormPlan(spec, shape[0], shape[1], real)
 
-def _vjp(images: Tensor, cells: Tensor | None, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    operator, pixels = _of(images, spec)
-    operator = operator.for_derivatives
-    batch, grad_output = len(images), grad_output.contiguous()
-    grad_images = operator.plan.empty(batch, *operator.shape)
-    if operator.in_rows(batch):
-        grad_cells = grad_output if cells is None else norm_vjp(cells, grad_output, spec)
-        operator.vjp_in_rows(pixels, grad_cells, grad_images)
-    else:
-        _run(_hog_vjp, operator.plan, batch, cells, grad_output, grad_images, pixels=pixels)
-    return grad_images
+    def run(self, x: Tensor) -> OutputAndSaved:
+        cells, descriptors = x.contiguous(), x.new_empty((len(x), *self.plan.grid))
+        run_in_threads(_normalize, len(x), (self.plan.address,), (cells.data_ptr(), descriptors.data_ptr()))
+        return descriptors, x.new_empty((len(x), 0))
 
+    def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
+        cells, grad = x.contiguous(), grad_output.contiguous()
+        grad_cells = torch.empty_like(cells)
+        addresses = cells.data_ptr(), grad.data_ptr(), grad_cells.data_ptr()
+        run_in_threads(_normalize_vjp, len(x), (self.plan.address,), addresses)
+        return grad_cells
 
-def cells_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
-    """Tangents of the cells (B, rows, cols, bins) from those of the images."""
-    return _jvp(images, tangents, None, spec)
-
-
-def describe_jvp(images: Tensor, cells: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
-    """Tangents of the descriptors (B, rows, cols, channels) from those of the images."""
-    return _jvp(images, tangents, cells.contiguous(), spec)
-
-
-def _jvp(images: Tensor, tangents: Tensor, cells: Tensor | None, spec: HOGSpec) -> Tensor:
-    operator, pixels = _of(images, spec)
-    plan = operator.for_derivatives.plan
-    out = plan.empty(len(images), *(plan.cells if cells is None else plan.grid))
-    _run(_hog_jvp, plan, len(images), tangents.contiguous(), cells, out, pixels=pixels)
-    return out
-
-
-@lru_cache(maxsize=64)
-def _norm_plan(spec: HOGSpec, shape: torch.Size, dtype: torch.dtype) -> NormPlan:
-    return NormPlan(spec, shape[0], shape[1], dtype)
-
-
-def _of_cells(cells: Tensor, spec: HOGSpec) -> NormPlan:
-    """The loops of the normaliser, for cells (B, rows, cols, bins)."""
-    return _norm_plan(spec, cells.shape[1:3], cells.dtype)
-
-
-def norm(cells: Tensor, spec: HOGSpec) -> Tensor:
-    """The normaliser: cells (B, rows, cols, bins) to descriptors (B, rows, cols, channels) of one colour."""
-    plan = _of_cells(cells, spec)
-    out = plan.empty(len(cells), *plan.grid)
-    _run(_normalize, plan, len(cells), cells.contiguous(), out)
-    return out
-
-
-def norm_vjp(cells: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients of the cells from ``grad_output`` (B, rows, cols, channels)."""
-    out = torch.empty_like(cells, memory_format=torch.contiguous_format)
-    _run(_normalize_vjp, _of_cells(cells, spec), len(cells), cells.contiguous(), grad_output.contiguous(), out)
-    return out
-
-
-def norm_jvp(cells: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
-    """Tangents of the descriptors from those of the cells."""
-    plan = _of_cells(cells, spec)
-    out = plan.empty(len(cells), *plan.grid)
-    _run(_normalize_jvp, plan, len(cells), cells.contiguous(), tangents.contiguous(), out)
-    return out
+    def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
+        cells, tangent = x.contiguous(), tangent.contiguous()
+        out = x.new_empty((len(x), *self.plan.grid))
+        addresses = cells.data_ptr(), tangent.data_ptr(), out.data_ptr()
+        run_in_threads(_normalize_jvp, len(x), (self.plan.address,), addresses)
+        return out
 
 
 def add_energy(values: NDArray[Any], total: float) -> float:
-    """``total`` plus the sum of squares of numbers (n,), float32 or float64, in double precision."""
+    """``total``, of whole blocks of 256, plus the squares of numbers (n,), rounded as in the native normaliser."""
+    if not native.available():
+        return total + float(np.square(values, dtype=np.float64).sum())
     out = c_double(total)
     _energy(values.dtype == np.float64, values.ctypes.data, len(values), ctypes.byref(out))
     return out.value

@@ -20,15 +20,6 @@ _LANES = tl.constexpr(LANES)
 
 
 @triton.jit
-def of_image(pixels, image, stride, strides, COLOURS: tl.constexpr):
-    """Where an image, or one of its colours that are described separately, begins."""
-    at = image // COLOURS * stride
-    if COLOURS > 1:
-        at += image % COLOURS * strides[0]
-    return pixels + at
-
-
-@triton.jit
 def _place(pixels, y, columns, d: tl.constexpr, strides, READING: tl.constexpr, CLAMPED: tl.constexpr):
     """Where the pixels of one of the columns are in memory."""
     last: tl.constexpr = len(columns) - 1
@@ -172,7 +163,6 @@ def cells_kernel(
     VOTES: tl.constexpr,
     READING: tl.constexpr,
     VOTING: tl.constexpr,
-    COLOURS: tl.constexpr,
     HIGH: tl.constexpr,
     WIDE: tl.constexpr,
     AT_ONCE: tl.constexpr,
@@ -190,7 +180,7 @@ def cells_kernel(
     chunk, group = tl.program_id(0) % chunks, tl.program_id(0) // chunks
     groups = (strips[0] + strips[1] - 1) // strips[1]
     image, group = (group // groups).to(tl.int64), group % groups
-    pixels = of_image(images, image, stride, strides, COLOURS)
+    pixels = images + image * stride
     lane = tl.arange(0, _LANES)
     lanes = of_chunk + WIDE - 1  # of a strip
     strip = group * strips[1] + lane // lanes
@@ -265,10 +255,6 @@ def cells_kernel(
             moved = moved + (of_cells,)
         sums = moved
     if CHECKED:
-        whole = of_image(images, image, stride, (strides[0] * 0, strides[1], strides[2]), COLOURS)
-        spoilt = _spoilt_outside(whole, size, strides, seen, group * chunks + chunk, groups * chunks, spoilt, channels)
+        spoilt = _spoilt_outside(pixels, size, strides, seen, group * chunks + chunk, groups * chunks, spoilt, channels)
         any_spoilt = tl.max((spoilt != spoilt).to(tl.int32), 0) > 0
-        first_colour = image // COLOURS * COLOURS
-        for colour in tl.static_range(COLOURS):  # all of an image
-            to_flag = flags + (first_colour + colour)
-            tl.store(to_flag, tl.full([], 1, flags.dtype.element_ty), mask=any_spoilt)
+        tl.store(flags + image, tl.full([], 1, flags.dtype.element_ty), mask=any_spoilt)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .cells import of_image
 from .gradients import around, gradients, pixels_vjp, places, values_vjp
 from .votes import bin_after, bin_before, magnitude
 
@@ -47,13 +46,12 @@ def cells_vjp_kernel(
     VOTES: tl.constexpr,
     READING: tl.constexpr,
     VOTING: tl.constexpr,
-    COLOURS: tl.constexpr,
     HIGH: tl.constexpr,
     WIDE: tl.constexpr,
     TILE_Y: tl.constexpr,
     TILE_X: tl.constexpr,
 ):
-    """Gradients of images (images, channels, height, width), or of each colour alone, from those of cells."""
+    """Gradients of images (images, channels, height, width) from those of cells."""
     REAL: tl.constexpr = grad_cells.dtype.element_ty
     stored: tl.constexpr = READING.stored
     described: tl.constexpr = READING.channels
@@ -61,7 +59,7 @@ def cells_vjp_kernel(
     chunk = tl.program_id(0) // chunks[1]
     row, part = chunk % chunks[0], tl.program_id(0) % chunks[1]
     image = (chunk // chunks[0]).to(tl.int64)
-    pixels = of_image(images, image, stride, strides, COLOURS)
+    pixels = images + image * stride
     spoilt = tl.load(flags + image) != 0
     y = row * (TILE_Y - 2) - 1 + tl.arange(0, TILE_Y)[:, None]
     x = part * (TILE_X - 2) - 1 + tl.arange(0, TILE_X)[None, :]

@@ -63,8 +63,7 @@ class Voting(NamedTuple):
 
 
 def reading(spec: HOGSpec, channels: int, stored: torch.dtype) -> Reading:
-    """How to read images with ``channels`` channels (one if colours are separate), bytes or floats; not ``wide``."""
-    channels = 1 if spec.colour == "separate" else channels
+    """How to read images with ``channels`` channels, bytes or floats; not ``wide``."""
     averaged, weights = channel_weights(spec, channels)
     border = BORDERS[spec.border]
     return Reading(

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from ..autograd import Step, apply, cells_reference, jvp_by_vjp
+from ..engine import Cells, Describe, Engine, OutputAndSaved, jvp_by_vjp, real_dtype
 from ..spec import HOGSpec
-from ..steps import merge_colours, normalize_reference, split_colours, spread_nan
+from ..steps import normalize_reference, spread_nan
 from . import votes
 from .cells import LANES, cells_kernel
 from .cells_vjp import cells_vjp_kernel
@@ -41,24 +41,12 @@ def on(device: torch.device) -> AbstractContextManager[Any]:
     return torch.cuda.device(device) if device.type == "cuda" else nullcontext()
 
 
-def real_dtype(images: Tensor) -> torch.dtype:
-    """The dtype that images are computed in."""
-    stored = torch.get_default_dtype() if images.dtype == torch.uint8 else images.dtype
-    return torch.float64 if stored == torch.float64 else torch.float32
-
-
 @lru_cache
 def schedulers(device: torch.device) -> int:
     """The number of warp schedulers of a GPU, each one instruction per cycle; 1 for a CPU."""
     if device.type != "cuda":
         return 1
     return _SCHEDULERS * torch.cuda.get_device_properties(device).multi_processor_count
-
-
-def _strides(images: Tensor, spec: HOGSpec) -> tuple[int, tuple[int, int, int]]:
-    """From image to image, and of channel, row, column; a gray image has the same colour three times."""
-    batch, channel, row, col = images.stride()
-    return batch, (0 if spec.colours > images.shape[1] else channel, row, col)
 
 
 def _reading(known: Plan, *images: Tensor) -> Reading:
@@ -70,7 +58,7 @@ def _reading(known: Plan, *images: Tensor) -> Reading:
 
 
 def _plan(images: Tensor, spec: HOGSpec) -> Plan:
-    return plan(spec, images.shape, images.dtype, real_dtype(images), images.device)
+    return plan(spec, images.shape, images.dtype, real_dtype(images.dtype), images.device)
 
 
 class Work(NamedTuple):
@@ -110,23 +98,23 @@ def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers
 
 
 def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """Eq. 1-6: of images (B, C, H, W), as stored, any strides, with N = B · colours.
+    """Eq. 1-6: of images (B, C, H, W), as stored, any strides.
 
     Returns:
-        Histograms (N, rows, cols, bins), and (N,) not 0 where they are arbitrary: a pixel is not finite.
+        Histograms (B, rows, cols, bins), and (B,) not 0 where they are arbitrary: a pixel is not finite.
     """
     known = _plan(images, spec)
     rows, cols = known.rows, known.cols
-    shape, count = (rows.cells, cols.cells, spec.bins), len(images) * spec.colours
+    shape, count = (rows.cells, cols.cells, spec.bins), len(images)
     if math.prod(shape) >= 2**31:
         raise ValueError(
             f"the backend 'triton' takes fewer than 2³¹ cells · bins an image, got {shape[0]}x{shape[1]} · {shape[2]}"
         )
-    out = torch.empty(count, *shape, dtype=real_dtype(images), device=images.device)
+    out = torch.empty(count, *shape, dtype=real_dtype(images.dtype), device=images.device)
     flags = out.new_zeros(count)
     if not count:
         return out, flags
-    stride, strides = _strides(images, spec)
+    stride, *strides = images.stride()
     reach = rows.bands.reach, cols.bands.reach
     share = work(count, (rows.cells, cols.cells), reach, schedulers(images.device))
     registers = known.reading.channels * (out.itemsize // 4)
@@ -141,7 +129,7 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
             cols.bands.weights,
             tuple(images.shape[2:]),
             stride,
-            strides,
+            tuple(strides),
             (rows.cells, cols.cells),
             (rows.bands.longest, cols.bands.longest),
             share.chunks,
@@ -154,7 +142,6 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
             VOTES=RULES[known.rule],
             READING=_reading(known, images),
             VOTING=known.voting,
-            COLOURS=spec.colours,
             HIGH=rows.bands.reach,
             WIDE=cols.bands.reach,
             AT_ONCE=columns_at_once(cols.bands, registers),
@@ -172,14 +159,12 @@ def _with_derivative(spec: HOGSpec) -> HOGSpec:
 
 
 def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients (B, C, H, W) of the images from those of their cells (N, rows, cols, bins), both without gaps."""
+    """Gradients (B, C, H, W) of the images from those of their cells (B, rows, cols, bins), both without gaps."""
     spec = _with_derivative(spec)
     known = _plan(images, spec)
-    batch, channels, height, width = images.shape
-    stride, strides = _strides(images, spec)
-    described = 1 if spec.colours > 1 else channels
-    dtype = images.dtype if images.is_floating_point() else real_dtype(images)
-    out = torch.empty(batch * spec.colours, described, height, width, dtype=dtype, device=images.device)
+    height, width = images.shape[2:]
+    stride, *strides = images.stride()
+    out = torch.empty_like(images, memory_format=torch.contiguous_format)
     tile_y, tile_x = VJP_ROWS, VJP_COLUMNS
     chunks = -(-height // (tile_y - 2)), -(-width // (tile_x - 2))
     programs = len(out) * chunks[0] * chunks[1]
@@ -196,14 +181,13 @@ def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: H
                 known.cols.gather.weights,
                 (height, width),
                 stride,
-                strides,
+                tuple(strides),
                 (known.rows.cells, known.cols.cells),
                 chunks,
                 known.last_wins,
                 VOTES=RULES[known.rule],
                 READING=_reading(known, images, out),
                 VOTING=known.voting,
-                COLOURS=spec.colours,
                 HIGH=known.rows.gather.reach,
                 WIDE=known.cols.gather.reach,
                 TILE_Y=tile_y,
@@ -211,56 +195,45 @@ def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: H
                 num_warps=_VJP_WARPS,
                 **EXACT,
             )
-    if spec.colours == 1:
-        return out
-    each = out.reshape(batch, spec.colours, height, width)
-    return each if channels > 1 else each.sum(1, keepdim=True)
+    return out
 
 
-def _cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
-    """Cells (B, rows, cols, colours · bins), and which of the images (B, colours) are not finite."""
-    cells, flags = flagged_cells(images, spec)
-    finite = torch.where(flags.reshape(-1, 1, 1, 1) != 0, torch.nan, cells)
-    return merge_colours(finite, spec), flags.reshape(-1, spec.colours)
+class TritonCells(Cells):
+    """Eq. 1-6, of float16 and bfloat16 images, too."""
+
+    def run(self, x: Tensor) -> OutputAndSaved:
+        """Cells, and (B, 1), not 0 where an image has a pixel that is not finite."""
+        cells, flags = flagged_cells(x, self.spec)
+        return torch.where(flags.reshape(-1, 1, 1, 1) != 0, torch.nan, cells), flags.unsqueeze(1)
+
+    def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
+        return flagged_cells_vjp(x, saved.flatten(), grad_output.contiguous(), self.spec)
+
+    def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
+        return jvp_by_vjp(self.reference, (x,), (tangent,))
 
 
-def _cells_vjp(images: Tensor, flags: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    return flagged_cells_vjp(images, flags.flatten(), split_colours(grad_output, spec).contiguous(), spec)
+class TritonDescribe(Describe):
+    """Eq. 1-7, for graphs that were exported on a CPU: cells, and the reference's normaliser."""
+
+    def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype) -> None:
+        super().__init__(spec, shape, stored, real)
+        self._cells = TritonCells(spec, shape, stored, real)
+
+    def _normalize(self, cells: Tensor) -> Tensor:
+        return normalize_reference(cells.permute(0, 3, 1, 2), self.spec).permute(0, 2, 3, 1)
+
+    def run(self, x: Tensor) -> OutputAndSaved:
+        cells, flags = self._cells.run(x)
+        return spread_nan(self._normalize(cells), x).contiguous(), flags
+
+    def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
+        cells, flags = self._cells.run(x)
+        return self._cells.vjp(x, flags, torch.func.vjp(self._normalize, cells)[1](grad_output)[0])
+
+    def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
+        return jvp_by_vjp(self.reference, (x,), (tangent,))
 
 
-def _cells_jvp(images: Tensor, _: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
-    return jvp_by_vjp(lambda of: cells_reference(of, spec), (images,), (tangents,))
-
-
-CELLS = Step(_cells, _cells_vjp, _cells_jvp, cells_reference)
-
-
-def histograms(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Cell histograms (B, colours · bins, rows, cols) of images (B, C, H, W), float16 and bfloat16 included."""
-    spec.grid(*images.shape[2:])
-    return apply(CELLS, images, spec).permute(0, 3, 1, 2)
-
-
-def describe(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Descriptors (B, rows, cols, channels)."""
-    descriptor = spread_nan(normalize_reference(histograms(images, spec), spec), images)
-    return descriptor.permute(0, 2, 3, 1).contiguous()
-
-
-@torch.no_grad()
-def cells(images: Tensor, spec: HOGSpec) -> Tensor:
-    """Eq. 1-6 without a graph: images (B, C, H, W) to cells (B, rows, cols, colours · bins)."""
-    return _cells(images, spec)[0].contiguous()
-
-
-@torch.no_grad()
-def cells_vjp(images: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients with respect to the images from those with respect to the cells."""
-    return _cells_vjp(images, _cells(images, spec)[1], grad_output, spec).contiguous()
-
-
-def describe_vjp(images: Tensor, grad_output: Tensor, spec: HOGSpec) -> Tensor:
-    """Gradients with respect to the images from those with respect to the descriptors."""
-    with torch.enable_grad():
-        x = images.requires_grad_()
-        return torch.autograd.grad(describe(x, spec), x, grad_output)[0]
+ENGINE = Engine(TritonCells)
+EXPORTED_ENGINE = Engine(TritonCells, describe=TritonDescribe)

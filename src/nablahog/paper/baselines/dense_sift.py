@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ...hog.descriptor import steps
+from ...hog.descriptor import histograms
 from ...hog.normalizers import GlobalNorm
 from ...hog.spec import HOGSpec
 
@@ -54,7 +54,6 @@ def dense_sift(images: Tensor, cell: int) -> Tensor:
         partial_cells="floor",
         normalizer=GlobalNorm(),
     )
-    histograms, _ = steps(images.device, spec)
     windows = histograms(images, spec).unfold(2, CELLS, 1).unfold(3, CELLS, 1).permute(0, 2, 3, 4, 5, 1)
     offset = (torch.arange(CELLS).to(images) - (CELLS - 1) / 2) / SIGMA
     weights = torch.exp(-offset.square() / 2)

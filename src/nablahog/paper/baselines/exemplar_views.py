@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...hog.descriptor import steps
+from ...hog.descriptor import histograms, normalize
 from ...hog.presets import aubry
 from ...io.learned_model import TENSOR, Codec, LearnedModel
 from ...pose.photograph import all_patches, element_weights, most_discriminative, suppress_overlaps
@@ -189,7 +189,6 @@ def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor
 def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
     """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/:data:`LEVELS`) times smaller than the one before,
     as long as they have ``size`` (rows, cols) cells."""
-    histograms, normalize = steps(image.device, SPEC)
     levels: list[Tensor] = []
     while True:
         sides = [max(1, round(side * 2 ** (-len(levels) / LEVELS))) for side in image.shape]
