@@ -30,6 +30,7 @@ from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
+GLYPHS = 400  # pixels, about, of their longer side
 SUPERSAMPLING = 2  # of renderings and similarities on the page
 AZIMUTHS = 180  # points of the curve
 AT_ONCE = 36  # points in a message
@@ -82,7 +83,7 @@ class Fitting:
         return {
             "type": "ready",
             "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
-            "photo_votes": glyphs(describe(crop.image, SPEC)[0], SPEC),
+            "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, GLYPHS),
             "image": encoded(png(crop.image[0])),
         }
 
@@ -106,7 +107,7 @@ class Fitting:
             "similarity": float(values[0]),
             "derivative": _rounded(derivatives[0]),
             "image": encoded(png(own, opacity)),
-            "votes": glyphs(describe(white[None, None], SPEC)[0], SPEC),
+            "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, GLYPHS),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
 

@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import io
 import logging
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,8 +15,8 @@ from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-import numpy as np
 from msgspec import Meta, Struct
+from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
@@ -26,7 +27,7 @@ from ..requests.options import option, options_of
 from ..requests.pose import PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import one_line
-from ..viz.pictures import glyph_votes
+from ..viz.pictures import cell_width, glyph_image
 
 MOST_CHARACTERS = 900  # of a sentence
 GONE = "the server no longer has this file, as after a restart: open it again"
@@ -36,6 +37,7 @@ logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
 LARGEST_INTEGER, LARGEST_NUMBER = 2**53, 1e6
 LONGEST_TEXT, MOST_SETTINGS = 200, 32
+LEAST_CELL = 5  # pixels of a cell's height in glyphs
 
 
 class RequestError(Exception):
@@ -231,12 +233,12 @@ def _bounded(hint: Any, least: float | None = None, most: float | None = None, *
     return hint
 
 
-def png(picture: Picture, opacity: Picture | None = None) -> bytes:
-    """A picture in 0…1, with its opacity (H, W) if it is gray, as a PNG file."""
-    file, image = io.BytesIO(), to_pil(picture)
+def png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes:
+    """A picture in 0…1, with its opacity (H, W) if it is gray, or an image, as a PNG file."""
+    file, image = io.BytesIO(), picture if isinstance(picture, Image.Image) else to_pil(picture)
     if opacity is not None:
         image.putalpha(to_pil(opacity))
-    image.save(file, format="PNG", compress_level=1)  # for the loopback: fast, not small
+    image.save(file, format="PNG", compress_level=1, compress_type=zlib.Z_RLE)  # for the loopback: fast, not small
     return file.getvalue()
 
 
@@ -245,15 +247,15 @@ def encoded(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def glyphs(descriptor: Tensor, spec: HOGSpec) -> dict[str, Any]:
-    """The brightness of each stroke of a descriptor's glyphs (rows, cols, channels), as the page draws them."""
-    votes, angles = glyph_votes(descriptor, spec)
-    rows, cols, count = votes.shape
+def glyphs(descriptor: Tensor, spec: HOGSpec, side: int) -> dict[str, Any]:
+    """The glyphs of a descriptor (rows, cols, channels), about ``side`` pixels long, and their rows and columns."""
+    height, width = spec.cell_size
+    rows, cols, _ = descriptor.shape
+    pixels = max(LEAST_CELL, round(side * height / max(rows * height, cols * width)))
+    image = glyph_image(descriptor, spec, pixels)
     return {
-        "rows": rows,
-        "cols": cols,
-        "n": count,
+        "rows": image.height // pixels,
+        "cols": image.width // cell_width(spec, pixels),
         "cell": list(spec.cell_size),
-        "angles": angles.tolist(),
-        "votes": encoded(np.rint(votes * 255).astype(np.uint8).tobytes()),
+        "image": encoded(png(image)),
     }

@@ -20,6 +20,8 @@ from .lines import for_glyphs, for_hog
 from .messages import HogMessage, InvertMessage, RequestError, as_request_error, glyphs
 from .store import DescriptorEntry, Photograph, Store
 
+GLYPHS = 720  # pixels, about, of their longer side
+
 
 def requested_descriptor(request: HogMessage | InvertMessage, store: Store) -> DescriptorEntry:
     """The descriptor that a request is about."""
@@ -57,7 +59,7 @@ def see(request: HogMessage, store: Store) -> dict[str, Any]:
     of = requested_descriptor(request, store)
     source, asked = of.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
     with as_request_error():
-        drawn = glyphs(source.descriptor, source.spec)
+        drawn = glyphs(source.descriptor, source.spec, GLYPHS)
     return {
         "key": store.add(of, *(each.encode() for each in (*asked, str(request.size)))),
         "name": source.spec.name,

@@ -52,15 +52,6 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     return votes[0].permute(1, 2, 0).double().numpy(), bin_angles(spec)[: votes.shape[1]]
 
 
-def glyph_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-    """:func:`edge_votes`, in 0…1: how bright :func:`glyphs` draws the stroke of each cell and orientation."""
-    votes, angles = edge_votes(descriptor, spec)
-    strongest = votes.max(axis=2, initial=0.0)
-    if strongest.any():
-        votes = votes / np.quantile(strongest[strongest > 0], 0.95)
-    return votes.clip(0, 1), angles
-
-
 def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[np.float64]:
     """(n, height, width) in 0…1: for each gradient direction a line through the middle, perpendicular to it."""
     y = np.arange(height)[:, None] - (height - 1) / 2
@@ -119,18 +110,28 @@ def _votes_and_strokes(
     """The votes (rows, cols, n) in 0…1 and the strokes (n, height, width) of a cell in the picture."""
     if cell_pixels < 1:
         raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
-    votes, angles = glyph_votes(descriptor, spec)
-    width = max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
-    return votes, _strokes(angles, cell_pixels, width)
+    votes, angles = edge_votes(descriptor, spec)
+    strongest = votes.max(axis=2, initial=0.0)
+    if strongest.any():
+        votes = votes / np.quantile(strongest[strongest > 0], 0.95)
+    return votes.clip(0, 1), _strokes(angles, cell_pixels, cell_width(spec, cell_pixels))
+
+
+def cell_width(spec: HOGSpec, cell_pixels: int) -> int:
+    """The width of a cell of glyphs that is ``cell_pixels`` high."""
+    return max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
 
 
 def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[np.float64]:
     rows, cols, _ = votes.shape
     _, down, across = strokes.shape
-    picture = np.zeros((rows, down, cols, across))
-    for k, stroke in enumerate(strokes):  # one bin at a time, to save memory
-        np.maximum(picture, np.einsum("rc,hw->rhcw", votes[..., k], stroke), out=picture)
-    return picture.reshape(rows * down, cols * across)
+    picture = np.zeros((down * across, rows * cols))  # pixels of a cell first: one stroke covers few of them
+    for k, stroke in enumerate(strokes.reshape(len(strokes), -1)):
+        (covered,) = stroke.nonzero()
+        picture[covered] = np.maximum(picture[covered], np.outer(stroke[covered], votes[..., k]))
+    cells = picture.reshape(down, across, rows, cols).transpose(2, 0, 3, 1)
+    drawn: NDArray[np.float64] = cells.reshape(rows * down, cols * across)
+    return drawn
 
 
 def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:

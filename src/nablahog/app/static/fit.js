@@ -6,9 +6,9 @@ import { Options } from "./controls.js";
 import { Curve } from "./curve.js";
 import { bringIntoSight, checked, debounce, element, enable, figure, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
-import { drawGlyphs } from "./glyphs.js";
 import { showLines } from "./lines.js";
 import { MeshChooser } from "./mesh.js";
+import { Painter } from "./painter.js";
 import { PoseControls, poseTables, proper } from "./pose.js";
 import { announce, clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
 import { Scene } from "./scene.js";
@@ -24,6 +24,8 @@ export class Fit {
   #controls = new PoseControls((pose) => this.#turn(proper(pose)));
   #scene = new Scene(() => this.#controls.value, (pose) => this.#turn(pose));
   #curve;
+  #photoGlyphs = new Painter(element("photo-glyphs", HTMLCanvasElement));
+  #renderGlyphs = new Painter(element("render-glyphs", HTMLCanvasElement));
   #photo = new LatestRequest("fit-progress");
   #options;
   #focal = element("focal", HTMLInputElement);
@@ -204,7 +206,7 @@ export class Fit {
     }
   }
 
-  /** @param {{crop: {side: number}, photo_votes: import("./types.js").Votes, image: string}} message */
+  /** @param {{crop: {side: number}, photo_glyphs: import("./types.js").Glyphs, image: string}} message */
   async #opened(message) {
     this.#end("open");
     this.#ready = true;
@@ -215,7 +217,7 @@ export class Fit {
       this.#intoSight();
     }
     element("fit-result", HTMLElement).hidden = true;
-    drawGlyphs(element("photo-glyphs", HTMLCanvasElement), message.photo_votes, 400);
+    this.#photoGlyphs.show(message.photo_glyphs.image, true);
     await this.#scene.setCrop(message.image, message.crop.side);
     this.#turn(this.#controls.value, this.app.address.get("pose") === null);
   }
@@ -251,7 +253,7 @@ export class Fit {
 
   /**
    * @param {{n: number, pose: Pose, similarity: number, derivative: number[], image: string,
-   *   votes: import("./types.js").Votes, milliseconds: number}} message
+   *   glyphs: import("./types.js").Glyphs, milliseconds: number}} message
    */
   async #view(message) {
     if (message.n < this.#drawn) return;
@@ -269,7 +271,7 @@ export class Fit {
     element("similarity", HTMLElement).replaceChildren(make("strong", {}, `Similarity ${figure(message.similarity, 4)}`),
       make("br"), `Derivative per degree: azimuth ${figure(message.derivative[0], 4)}, elevation ${figure(message.derivative[1], 4)}`,
       make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
-    drawGlyphs(element("render-glyphs", HTMLCanvasElement), message.votes, 400);
+    this.#renderGlyphs.show(message.glyphs.image, true);
     this.#curve.here(message.pose, { similarity: message.similarity, slope: message.derivative[0] ?? 0 });
     if (!this.#waits.fit) {
       this.#curve.want(message.pose);

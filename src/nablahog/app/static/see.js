@@ -4,8 +4,7 @@ import { getBlob, getJson, postJson } from "./api.js";
 import { showCell } from "./cell.js";
 import { Options } from "./controls.js";
 import { element } from "./dom.js";
-import { paint, save, stem } from "./files.js";
-import { drawGlyphs } from "./glyphs.js";
+import { paint, pictureOf, pngOf, save, stem } from "./files.js";
 import { showLines } from "./lines.js";
 import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
@@ -65,9 +64,9 @@ export class See {
     const options = this.#options.value;
     let failed = false;
     const result = await this.#newest.run("Computes the descriptor", async (signal) => {
-      /** @type {[Promise<import("./types.js").Hog>, Promise<ImageBitmap | null>]} */
+      /** @type {[Promise<[import("./types.js").Hog, ImageBitmap]>, Promise<ImageBitmap | null>]} */
       const both = [
-        postJson("api/hog", { ...this.app.source.named, ...this.app.dialect.value, ...options }, signal),
+        this.#describe({ ...this.app.source.named, ...this.app.dialect.value, ...options }, signal),
         source.kind === "photo" ? this.app.source.picture(source.id, Number(options.size), signal) : Promise.resolve(null),
       ];
       return Promise.all(both).catch((error) => {
@@ -79,7 +78,7 @@ export class See {
     clearError();
     this.#of = source.id;
     element("see-shown", HTMLElement).hidden = false;
-    const [hog, picture] = result;
+    const [[hog, glyphs], picture] = result;
     this.#hog = hog;
     this.#cells.clear();
     const [height, width] = hog.image_size;
@@ -90,7 +89,7 @@ export class See {
       this.#picture.fit(width, height, Math.max(width, wide), Math.max(height, tall));
       this.#picture.canvas.setAttribute("aria-label", `The photograph ${source.name}, ${width} by ${height} pixels`);
     }
-    drawGlyphs(this.#glyphs.canvas, hog.glyphs);
+    paint(this.#glyphs.canvas, glyphs);
     this.#glyphs.fit(wide, tall, picture ? Math.max(width, wide) : wide, picture ? Math.max(height, tall) : tall);
     this.#glyphs.canvas.setAttribute("aria-label",
       `Glyphs of ${source.name}: ${hog.glyphs.rows} rows and ${hog.glyphs.cols} columns of cells`);
@@ -105,6 +104,17 @@ export class See {
     showLines(element("see-lines", HTMLElement), hog.lines, this.app.source.sample);
     this.#glyphs.canvas.dataset.key = hog.key;
     if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyphs.rows - 1), Math.min(this.#at[1], hog.glyphs.cols - 1));
+  }
+
+  /**
+   * @param {object} asked
+   * @param {AbortSignal} signal
+   * @returns {Promise<[import("./types.js").Hog, ImageBitmap]>} with the picture of its glyphs
+   */
+  async #describe(asked, signal) {
+    /** @type {import("./types.js").Hog} */
+    const hog = await postJson("api/hog", asked, signal);
+    return [hog, await pictureOf(pngOf(hog.glyphs.image))];
   }
 
   /** Takes away what is shown: it is of another source, or of other parameters. */

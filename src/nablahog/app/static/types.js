@@ -22,9 +22,9 @@
  * @typedef {{preset: string, settings: {[name: string]: string}, image_size: [number, number] | null}} FittingPreset
  * @typedef {{keys: string[] | null, shape: number[] | null, fitting: FittingPreset[]}} Question
  *
- * @typedef {{rows: number, cols: number, cell: [number, number], votes: string, angles: number[]}} Votes
+ * @typedef {{rows: number, cols: number, cell: [number, number], image: string}} Glyphs cell: height and width, pixels
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],
- *   glyphs: Votes, milliseconds: number, lines: Lines}} Hog
+ *   glyphs: Glyphs, milliseconds: number, lines: Lines}} Hog
  * @typedef {{row: number, col: number, box: Box, angles: number[], histogram: number[] | null,
  *   block: {row: number, col: number, box: Box} | null, entries: {index: number, name: string, value: number}[]}} Cell
  *
