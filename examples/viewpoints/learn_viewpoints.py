@@ -23,7 +23,7 @@ from torch import Tensor
 
 from nablahog import Mesh
 from nablahog.invert.provenance import digest_of_images
-from nablahog.io.learned_model import flat, fold_statistics
+from nablahog.io.learned_model import flatten_all, fold_statistics
 from nablahog.paper.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose.background import FINE, pose_spec
@@ -124,7 +124,7 @@ def train(descriptors: Tensor, azimuths: Tensor, epochs: int, seed: int) -> tupl
             if not math.isfinite(losses[-1]):
                 raise ValueError("the training diverges")
     fold_statistics(network)
-    return flat(network.parameters()).half(), tuple(losses)
+    return flatten_all(network.parameters()).half(), tuple(losses)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from skimage import data
 
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor, score
-from nablahog.compat.opencv.multi_scale import resized
+from nablahog.compat.opencv.multi_scale import resize
 from nablahog.compat.opencv.windows import Constants, Padded
 from tests.golden import archive
 
@@ -99,7 +99,7 @@ def test_gradients(channels: int, size: tuple[int, int], monkeypatch: pytest.Mon
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("size", [(71, 133), (90, 149), (1, 1), (200, 3)])
 def test_smaller_images(channels: int, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert_array_equal(*with_and_without(monkeypatch, lambda: resized(image(channels), size)))
+    assert_array_equal(*with_and_without(monkeypatch, lambda: resize(image(channels), size)))
 
 
 @pytest.mark.parametrize(("struct", "name"), [(Padded, "PaddedImage"), (Constants, "Scheme")])

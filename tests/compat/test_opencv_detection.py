@@ -17,7 +17,7 @@ from skimage import data
 
 from nablahog.compat import opencv
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.compat.opencv.multi_scale import group_rectangles, resized
+from nablahog.compat.opencv.multi_scale import group_rectangles, resize
 
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "HOGDescriptor"):
@@ -174,7 +174,7 @@ def test_places() -> None:
 def test_smaller_images_are_opencvs(size: tuple[int, int], to: tuple[int, int], channels: int) -> None:
     image = np.ascontiguousarray(data.astronaut()[: size[1], : size[0], :channels])
     expected = cv2.resize(image, to, interpolation=cv2.INTER_LINEAR_EXACT).reshape(to[1], to[0], channels)
-    assert_array_equal(resized(image, to), expected)
+    assert_array_equal(resize(image, to), expected)
 
 
 # --- groups ----------------------------------------------------------------------------------------------------------

@@ -14,9 +14,9 @@ from nablahog.io.arrays import (
     VARIABLE,
     is_raw,
     naming,
-    numbers_in,
     read_arrays,
-    text,
+    read_number_arrays,
+    read_text,
     write_arrays,
 )
 
@@ -38,17 +38,17 @@ def test_whatever_is_in_it(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", **arrays)
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("readme.txt", "hello")
-    result = numbers_in(tmp_path / "a.npz")
+    result = read_number_arrays(tmp_path / "a.npz")
     assert list(result) == ["a", "b"]
     np.testing.assert_array_equal(result["a"], arrays["a"])
     whole = (tmp_path / "a.npz").read_bytes()
     (tmp_path / "a.npz").write_bytes(whole.replace(np.arange(3.0).tobytes(), bytes(24)))
     with pytest.raises(ValueError, match="the archive is damaged: Bad CRC"):
-        numbers_in(tmp_path / "a.npz")
+        read_number_arrays(tmp_path / "a.npz")
     (tmp_path / "c.npz").write_bytes(whole[:100])
     assert not is_raw(tmp_path / "c.npz")
     with pytest.raises(ValueError, match=r"expected an? archive of arrays \(.npz\), but it cannot be read"):
-        numbers_in(tmp_path / "c.npz")
+        read_number_arrays(tmp_path / "c.npz")
 
 
 def test_a_member_that_is_no_array(tmp_path: Path) -> None:
@@ -57,13 +57,13 @@ def test_a_member_that_is_no_array(tmp_path: Path) -> None:
         archive.writestr("y.npy", "hello")
     with pytest.raises(ValueError, match=r"^.*/a: expected a test, but y in the archive is not an array \(.npy\)$"):
         read_arrays(tmp_path / "a", "test", ("x", "y"))
-    assert list(numbers_in(tmp_path / "a")) == ["format", "x"]
+    assert list(read_number_arrays(tmp_path / "a")) == ["format", "x"]
 
 
 def test_texts_are_limited() -> None:
-    assert text({"a": np.array("x" * 100)}, "a") == "x" * 100
+    assert read_text({"a": np.array("x" * 100)}, "a") == "x" * 100
     with pytest.raises(ValueError, match="a must be a string of at most 4,194,304 characters"):
-        text({"a": np.array("[]," * (MAX_CHARACTERS // 3 + 1))}, "a")
+        read_text({"a": np.array("[]," * (MAX_CHARACTERS // 3 + 1))}, "a")
 
 
 def test_naming() -> None:

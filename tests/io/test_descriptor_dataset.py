@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from nablahog import hog, presets
-from nablahog.io.descriptor_dataset import DescriptorDataset, Row, key_of_shard, shard_key, shard_name, write_shard
+from nablahog.io.descriptor_dataset import DescriptorDataset, Row, read_shard_key, shard_key, shard_name, write_shard
 from nablahog.io.descriptor_file import StoredDescriptor
 
 SPEC = presets.uoctti()
@@ -61,10 +61,10 @@ def test_others_read_it(tmp_path: Path) -> None:
 
 def test_the_key_says_what_a_shard_is_of(tmp_path: Path) -> None:
     write(str(tmp_path), rows(3), 3)
-    assert key_of_shard(str(tmp_path / shard_name(0))) == "key 0"
-    assert key_of_shard(str(tmp_path / shard_name(1))) is None
+    assert read_shard_key(str(tmp_path / shard_name(0))) == "key 0"
+    assert read_shard_key(str(tmp_path / shard_name(1))) is None
     (tmp_path / shard_name(1)).write_bytes((tmp_path / shard_name(0)).read_bytes()[:-9])
-    assert key_of_shard(str(tmp_path / shard_name(1))) is None
+    assert read_shard_key(str(tmp_path / shard_name(1))) is None
     assert (
         len(
             {

@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 import nablahog
 from nablahog import HOGSpec, presets
-from nablahog.io.descriptor_file import Fit, StoredDescriptor, fit, load_descriptor, save_descriptor, stored
+from nablahog.io.descriptor_file import (
+    FittedLayout,
+    StoredDescriptor,
+    find_layout,
+    load_descriptor,
+    save_descriptor,
+    to_descriptor,
+)
 from nablahog.requests.dialect import PRESETS, make_spec
 
 SIZE = (40, 29)
@@ -169,10 +176,10 @@ def test_every_layout_comes_back(name: str) -> None:
     for array in (native, descriptor.numpy(), native.ravel(), np.asfortranarray(native)):
         for batched in (array, array[None]):
             for size in (IMAGE, None) if array.ndim > 1 else (IMAGE,):
-                how = fit(batched.shape, spec, size)
+                how = find_layout(batched.shape, spec, size)
                 assert how is not None
                 assert how.image_size == (size or (height, width))
-                result = stored(batched, spec, how)
+                result = to_descriptor(batched, spec, how)
                 assert (result.spec, result.image_size) == (spec, how.image_size)
                 assert torch.equal(result.descriptor, descriptor)
 
@@ -181,12 +188,14 @@ def test_layouts_that_libraries_have_besides() -> None:
     for spec in (presets.skimage(), presets.skimage(feature_vector=False)):
         _, descriptor = _native(spec)
         for shape in ((3, 6, 3, 3, 9), (3, 6, 81), (1, 1458)):
-            how = fit(shape, spec, IMAGE)
+            how = find_layout(shape, spec, IMAGE)
             assert how is not None
-            assert torch.equal(stored(descriptor.numpy().reshape(shape), spec, how).descriptor, descriptor)
+            assert torch.equal(to_descriptor(descriptor.numpy().reshape(shape), spec, how).descriptor, descriptor)
     spec = presets.maskfeat()
     native, descriptor = _native(spec)
-    how = fit((27, 5, 8), spec, None)
-    assert how == Fit("planes", (27, 5, 8), IMAGE)
-    assert torch.equal(stored(native.reshape(27, 5, 8), spec, how).descriptor, descriptor)
-    assert fit((3780, 1), presets.opencv(), (128, 64)) == Fit("opencv-vector", (3780,), (128, 64))  # of older versions
+    how = find_layout((27, 5, 8), spec, None)
+    assert how == FittedLayout("planes", (27, 5, 8), IMAGE)
+    assert torch.equal(to_descriptor(native.reshape(27, 5, 8), spec, how).descriptor, descriptor)
+    assert find_layout((3780, 1), presets.opencv(), (128, 64)) == FittedLayout(
+        "opencv-vector", (3780,), (128, 64)
+    )  # of older versions

@@ -79,9 +79,9 @@ def test_damage(tmp_path: Path, compressed: bool) -> None:
     for position in range(126, len(whole), 2):
         for value in (15, 255):  # odd kinds and great lengths, at the places where little-endian words differ
             with suppress(matfile._Damaged):
-                matfile._variables(whole[:position] + bytes([value]) + whole[position + 1 :])
+                matfile._read_variables(whole[:position] + bytes([value]) + whole[position + 1 :])
             with suppress(matfile._Damaged):
-                matfile._arrays(whole[:position] + bytes([value]) + whole[position + 1 :])
+                matfile._read_arrays(whole[:position] + bytes([value]) + whole[position + 1 :])
 
 
 def test_arrays_of_numbers_have_their_types(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from nablahog.hog import HOGSpec
 from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.io.learned_model import LearnedModel, count
+from nablahog.io.learned_model import LearnedModel, count_weights
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.pose.whitening import Background
@@ -25,7 +25,7 @@ def prior(spec: HOGSpec | None = None) -> LearnedPrior:
     architecture = Architecture((8, 8, 8), (1, 0, 0))
     scale = 0.2 if spec.signed else 0.05  # so that nothing saturates
     weights = scale * torch.randn(
-        count(lambda: network_class(spec)(architecture)), generator=torch.Generator().manual_seed(1)
+        count_weights(lambda: network_class(spec)(architecture)), generator=torch.Generator().manual_seed(1)
     )
     return LearnedPrior(
         spec, architecture, weights.half(), NetworkLearning(**SOURCE, epochs=2, losses=(1.5, 0.1 + 0.2))

@@ -13,7 +13,7 @@ from nablahog import HOGSpec, LearnedPrior
 from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
-from nablahog.io.learned_model import count
+from nablahog.io.learned_model import count_weights
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings
@@ -34,7 +34,7 @@ def image() -> Tensor:
 def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value: float = 0.1) -> Path:
     """A prior for cells of 8 that has learned nothing."""
     tiny = Architecture((4, 4, 4), (0, 0, 0))
-    weights = torch.full((count(lambda: network_class(spec)(tiny)),), value, dtype=torch.float16)
+    weights = torch.full((count_weights(lambda: network_class(spec)(tiny)),), value, dtype=torch.float16)
     learning = NetworkLearning(images=tuple(images), sha256="00", seed=0, epochs=1, losses=(1.0,))
     LearnedPrior(spec, tiny, weights, learning).save(path)
     return path

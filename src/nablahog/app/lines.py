@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cli.inputs.sources import Source
-from ..io.descriptor_file import fit
+from ..io.descriptor_file import find_layout
 from ..requests.inversion import GlyphRequest, HogRequest, InvertRequest
 from ..requests.options import keywords, words
 from ..requests.pose import PoseRequest
@@ -58,7 +58,7 @@ def of_array(
     """The reading of another library's array, read as ``source``; a bias may follow a template's weights."""
     size, spec = source.image_size, source.spec
     shapes = (array.shape, (array.size,), (array.size - 1,))
-    how = next(each for each in (fit(shape, spec, size) for shape in shapes) if each is not None)
+    how = next(each for each in (find_layout(shape, spec, size) for shape in shapes) if each is not None)
     laid_out = "spec" if how.layout == spec.layout else f"dataclasses.replace(spec, layout={how.layout!r})"
     count = math.prod(how.shape)
     cut = f".ravel()[:{count}]" if count < array.size else ""

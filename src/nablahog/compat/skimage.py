@@ -150,7 +150,7 @@ def hog(
     tensors = [descriptor.to(gx.dtype).contiguous()]
     if visualize:
         tensors.append(_glyphs(cells, cell, size, gx.dtype))
-    results: list[Any] = tensors if isinstance(image, Tensor) else [each.numpy() for each in tensors]
+    results: list[Any] = tensors if isinstance(image, Tensor) else [tensor.numpy() for tensor in tensors]
     return (results[0], results[1]) if visualize else results[0]
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, check_weights, integers, with_weights
+from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from .arguments import check_descriptor
 from .histograms import at_contrast, searchable, starting_images
 from .prior_network import SEEN, Architecture, PriorNetwork, SignedNetwork
@@ -180,7 +180,7 @@ class LearnedPrior(LearnedModel):
 
     @cached_property
     def _network(self) -> PriorNetwork:
-        return with_weights(self._make, self.weights)
+        return build_network(self._make, self.weights)
 
     def _make(self) -> PriorNetwork:
         return network_class(self.spec)(self.architecture)

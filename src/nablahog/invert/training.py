@@ -21,7 +21,7 @@ from ..hog.presets import as_spec
 from ..hog.spec import HOGSpec
 from ..io.files import replacing
 from ..io.input_file import input_file
-from ..io.learned_model import flat, fold_statistics, unfold_statistics, with_weights
+from ..io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
 from ..runtime.pytorch import in_plain_mode, seeded
 from .histograms import searchable
 from .learned import LearnedPrior, network_class
@@ -166,7 +166,7 @@ def _fit(
     steps, epochs, seed = training.steps, identity["epochs"], identity["seed"]
     half = identity["precision"] == "bfloat16"
     with seeded(seed):
-        network = (make() if start is None else with_weights(make, start)).to(device)
+        network = (make() if start is None else build_network(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     if start is not None:
         with seeded(seed):
@@ -201,7 +201,7 @@ def _fit(
     fold_statistics(network.eval())
     training.calibrate(network)
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
-    return flat(network.parameters()), losses
+    return flatten_all(network.parameters()), losses
 
 
 def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int) -> OneCycleLR:

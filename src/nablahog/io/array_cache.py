@@ -74,8 +74,8 @@ def _tidy(folder: Path, largest: float) -> None:
     states = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.glob(f"*{ENDING}"))
     size = sum(size for _, size, _ in states)
     allowed = size if size <= largest else _ROOM * largest
-    for _, each, path in states:
+    for _, file_size, path in states:
         if size <= allowed:
             return
         path.unlink(missing_ok=True)
-        size -= each
+        size -= file_size

@@ -34,7 +34,7 @@ def read_arrays(path: Readable, kind: str, names: Sequence[str]) -> Arrays:
         ValueError: it is not an archive, is damaged, lacks an array, holds pickled objects, or is larger unpacked than
             :data:`MAX_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
     """
-    with _opened(input_file(path), kind) as archive:
+    with _open_archive(input_file(path), kind) as archive:
         missing = [name for name in names if name not in archive]
         arrays = {} if missing else {name: archive[name] for name in names}
     if missing:
@@ -52,7 +52,7 @@ def write_arrays(path: Writable, version: int, arrays: Mapping[str, object], *, 
         (np.savez_compressed if compressed else np.savez)(file, **named)  # type: ignore[arg-type]
 
 
-def text(arrays: Arrays, name: str) -> str:
+def read_text(arrays: Arrays, name: str) -> str:
     """The string that an array holds; ValueError if it holds none, or more than :data:`MAX_CHARACTERS`."""
     array = arrays[name]
     if array.shape != () or array.dtype.kind != "U":
@@ -93,7 +93,7 @@ def is_raw(path: Readable) -> bool:
     if not is_archive(file):
         return False
     try:
-        with _opened(file, "descriptor file") as archive:
+        with _open_archive(file, "descriptor file") as archive:
             return "spec" not in archive
     except (OSError, ValueError):  # damaged; reading it as a descriptor file will say so
         return False
@@ -106,24 +106,24 @@ def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:
         FileNotFoundError: there is no such file.
         ValueError: it is damaged, has no such array or several, or one of no floating-point numbers.
     """
-    array = _chosen(input_file(path), key)
+    array = _choose_array(input_file(path), key)
     if array.dtype.kind != "f" or array.dtype.itemsize > 8:
         write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else ""
         raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}{write}")
     return array
 
 
-def _chosen(file: InputFile, key: str | None) -> NDArray[Any]:
+def _choose_array(file: InputFile, key: str | None) -> NDArray[Any]:
     if _is_npy(file):
         if key is not None:
             raise ValueError(f"{file}: a .npy file holds one array, which has no name, got the name {one_line(key)!r}")
-        return _npy(file)
+        return _read_npy(file)
     if _is_mat(file):
         from .matfile import read_mat_arrays  # which models and descriptor files do not need
 
         arrays = read_mat_arrays(file)
     else:
-        arrays = numbers_in(file)
+        arrays = read_number_arrays(file)
     if key is not None and key in arrays:
         return arrays[key]
     listed = "the file holds no array of numbers"
@@ -138,7 +138,7 @@ def _chosen(file: InputFile, key: str | None) -> NDArray[Any]:
     return several[0]
 
 
-def numbers_in(path: Readable) -> Arrays:
+def read_number_arrays(path: Readable) -> Arrays:
     """All arrays of numbers of an archive; texts, pickled objects and what is not an array are passed over."""
 
     def unless_pickled(archive: np.lib.npyio.NpzFile, name: str) -> Any:
@@ -149,7 +149,7 @@ def numbers_in(path: Readable) -> Arrays:
                 return None
             raise
 
-    with _opened(input_file(path), "archive of arrays") as archive:
+    with _open_archive(input_file(path), "archive of arrays") as archive:
         arrays = {name: unless_pickled(archive, name) for name in archive}
     return {
         name: array for name, array in arrays.items() if isinstance(array, np.ndarray) and array.dtype.kind in "biufc"
@@ -157,7 +157,7 @@ def numbers_in(path: Readable) -> Arrays:
 
 
 @contextmanager
-def _opened(file: InputFile, kind: str) -> Iterator[np.lib.npyio.NpzFile]:
+def _open_archive(file: InputFile, kind: str) -> Iterator[np.lib.npyio.NpzFile]:
     file.check(f"a {kind} (.npz)")
     try:
         with file.open() as stream, zipfile.ZipFile(stream) as archive:
@@ -186,7 +186,7 @@ def _check_size(file: InputFile, size: int) -> None:
         )
 
 
-def _npy(file: InputFile) -> NDArray[Any]:
+def _read_npy(file: InputFile) -> NDArray[Any]:
     file.check("an array (.npy)")
     _check_size(file, file.size)
     try:

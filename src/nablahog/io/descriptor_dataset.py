@@ -93,7 +93,7 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
         remote.write(file.getbuffer())
 
 
-def key_of_shard(url: str) -> str | None:
+def read_shard_key(url: str) -> str | None:
     """The key of a shard that is there and whole; else None."""
     try:
         with fsspec.open(url, "rb") as file:
@@ -116,19 +116,19 @@ class DescriptorDataset(Sequence[Row]):
     def __init__(self, url: str) -> None:
         self.url = url
         system, path = fsspec.core.url_to_fs(url)
-        self._files = sorted(str(each) for each in system.glob(f"{glob.escape(path.rstrip('/'))}/part-*.parquet"))
+        self._files = sorted(str(file) for file in system.glob(f"{glob.escape(path.rstrip('/'))}/part-*.parquet"))
         if not self._files:
             raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet)")
         self._system = system
         self._table = lru_cache(CACHED)(lambda shard: self._read(self._files[shard]))
-        abouts = [self._about(file) for file in self._files]
+        abouts = [self._read_about(file) for file in self._files]
         self._ends = np.cumsum([count for count, _ in abouts])
         specs = {text for _, text in abouts}
         if len(specs) > 1:
             raise ValueError(f"{url}: its shards are of {len(specs)} different specs")
         self.spec = HOGSpec.from_json(specs.pop())
 
-    def _about(self, file: str) -> tuple[int, str]:
+    def _read_about(self, file: str) -> tuple[int, str]:
         try:
             with self._system.open(file, "rb") as opened:
                 footer = pq.read_metadata(opened)

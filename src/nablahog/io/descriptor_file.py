@@ -20,7 +20,7 @@ from ..hog.inputs import descriptor_tensor
 from ..hog.layout import from_layout, native_shape
 from ..hog.presets import as_spec
 from ..hog.spec import Layout
-from .arrays import check_format, naming, read_arrays, text, write_arrays
+from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
 
@@ -140,12 +140,12 @@ def load_descriptor(path: Readable) -> StoredDescriptor:
     """
     arrays = read_arrays(path, "descriptor file", _ARRAYS)
     with naming(path):
-        return _checked(arrays)
+        return _check_arrays(arrays)
 
 
-def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
+def _check_arrays(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
     check_format(arrays, "descriptor file", FORMAT)
-    spec, size, descriptor = HOGSpec.from_json(text(arrays, "spec")), arrays["image_size"], arrays["descriptor"]
+    spec, size, descriptor = HOGSpec.from_json(read_text(arrays, "spec")), arrays["image_size"], arrays["descriptor"]
     if size.shape != (2,) or size.dtype.kind not in "iu":
         raise ValueError(f"image_size must be two integers (height, width), got {size.dtype} of shape {size.shape}")
     native = np.ascontiguousarray(descriptor, dtype=descriptor.dtype.newbyteorder("="))
@@ -156,7 +156,7 @@ def _checked(arrays: dict[str, NDArray[np.generic]]) -> StoredDescriptor:
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedLayout:
     """The layout in which an array is a descriptor, its shape without an axis of a batch, and its image's size."""
 
     layout: Layout
@@ -164,7 +164,7 @@ class Fit:
     image_size: tuple[int, int]
 
 
-def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> Fit | None:
+def find_layout(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | None) -> FittedLayout | None:
     """The layout in which an array of this shape is a descriptor of ``spec``; None if there is none.
 
     Tries the layout of the library, the same in one row, and (rows, cols, channels), each also with an axis of a batch
@@ -173,15 +173,15 @@ def fit(shape: tuple[int, ...], spec: HOGSpec, image_size: tuple[int, int] | Non
     """
     for layout in layouts(spec):
         laid_out = replace(spec, layout=layout)
-        for each in _without_batch(shape):
+        for single_shape in _drop_batch_axis(shape):
             try:
-                size = image_size or _image_size(each, laid_out)
+                size = image_size or _image_size(single_shape, laid_out)
                 expected = () if size is None else native_shape(laid_out, size)
             except ValueError:  # the image would hold no cell
                 continue
-            in_one_row = layout == spec.layout and each == (math.prod(expected),)
-            if size is not None and (each == expected or in_one_row):
-                return Fit(layout, each, size)
+            in_one_row = layout == spec.layout and single_shape == (math.prod(expected),)
+            if size is not None and (single_shape == expected or in_one_row):
+                return FittedLayout(layout, single_shape, size)
     return None
 
 
@@ -210,7 +210,7 @@ def is_row(shape: tuple[int, ...]) -> bool:
     return max(shape, default=0) == math.prod(shape)
 
 
-def stored(array: NDArray[np.floating], spec: HOGSpec, how: Fit) -> StoredDescriptor:
+def to_descriptor(array: NDArray[np.floating], spec: HOGSpec, how: FittedLayout) -> StoredDescriptor:
     """The descriptor in an array that fits; float16 becomes float32.
 
     Raises:
@@ -222,7 +222,7 @@ def stored(array: NDArray[np.floating], spec: HOGSpec, how: Fit) -> StoredDescri
     return StoredDescriptor(descriptor, spec, how.image_size)
 
 
-def _without_batch(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+def _drop_batch_axis(shape: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
     yield shape
     if len(shape) > 1 and shape[0] == 1:
         yield shape[1:]

@@ -63,13 +63,13 @@ def load_dpm(path: Readable) -> DPMModel:
     """
     stored = read_mat(path)
     try:
-        return _unfolded(stored["model"][0])
+        return _unfold(stored["model"][0])
     except (LookupError, TypeError, ValueError) as error:
         reason = one_line(f"it has no {error}" if isinstance(error, KeyError) else error)
         raise ValueError(f"{path}: expected a model of voc-release5, but {reason}") from None
 
 
-def _integers(numbers: Any) -> list[int]:
+def _to_integers(numbers: Any) -> list[int]:
     """Numbers as MATLAB has them, perhaps floating-point; ValueError for a fraction, or what is larger than any."""
     array = np.asarray(numbers, np.float64).reshape(-1)
     if not (np.abs(array) <= MOST).all() or (array != np.floor(array)).any():
@@ -77,27 +77,27 @@ def _integers(numbers: Any) -> list[int]:
     return [int(number) for number in array]
 
 
-def _integer(number: Any) -> int:
-    return _integers(number)[0]
+def _to_integer(number: Any) -> int:
+    return _to_integers(number)[0]
 
 
-def _of(items: Any, number: int) -> Any:
+def _item(items: Any, number: int) -> Any:
     """One of a list, counted from 1."""
     if not isinstance(items, list) or not 1 <= number <= len(items):
         raise ValueError(f"it refers to number {number} of a list that does not have it")
     return items[number - 1]
 
 
-def _unfolded(model: dict[str, Any]) -> DPMModel:
+def _unfold(model: dict[str, Any]) -> DPMModel:
     filters: list[Filter] = []
     number = numbers = 0
-    for rule in _of(model["rules"], _integer(model["start"])):
-        symbols, anchors = _integers(rule["rhs"]), [_integers(anchor) for anchor in rule["anchor"]]
+    for rule in _item(model["rules"], _to_integer(model["start"])):
+        symbols, anchors = _to_integers(rule["rhs"]), [_to_integers(anchor) for anchor in rule["anchor"]]
         if len(symbols) != len(anchors) or any(len(anchor) != 3 for anchor in anchors):
             raise ValueError("a component has not one place for each of its filters")
         placed: list[tuple[NDArray[np.float32], bool, int, int, int]] = []
         for symbol, anchor in zip(symbols, anchors, strict=True):
-            weights, flipped = _filter(model, symbol)
+            weights, flipped = _find_filter(model, symbol)
             x, y, octave = anchor
             placed.append((weights, flipped, x, y, octave))
             numbers += weights.size * (5 if octave == _ROOT else 1)  # a root's parts are on four times its cells
@@ -113,27 +113,29 @@ def _unfolded(model: dict[str, Any]) -> DPMModel:
         filters.append(Filter(f"component {number}, root", torch.from_numpy(root)))
         parts = [(weights, x, y) for weights, _, x, y, octave in placed if octave == _PARTS]
         if parts:
-            filters.append(Filter(f"component {number}, parts", torch.from_numpy(_together(root, parts))))
+            filters.append(Filter(f"component {number}, parts", torch.from_numpy(_merge_parts(root, parts))))
     if not filters:
         raise ValueError("it has no component")
     if not isinstance(model["class"], str):
         raise ValueError("its class is not text")
-    return DPMModel(model["class"], _integer(model["sbin"]), tuple(filters))
+    return DPMModel(model["class"], _to_integer(model["sbin"]), tuple(filters))
 
 
-def _filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bool]:
+def _find_filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32], bool]:
     """The weights that a symbol of the grammar ends in, and whether they are used mirrored."""
     for _ in range(len(model["symbols"])):
-        entry = _of(model["symbols"], symbol)
+        entry = _item(model["symbols"], symbol)
         if entry["type"] == "T":
-            of_symbol = _of(model["filters"], _integer(entry["filter"]))
-            return _weights(_of(model["blocks"], _integer(of_symbol["blocklabel"]))), bool(_integer(of_symbol["flip"]))
-        symbol = _integer(_of(_of(model["rules"], symbol), 1)["rhs"])
+            filter_entry = _item(model["filters"], _to_integer(entry["filter"]))
+            return _read_weights(_item(model["blocks"], _to_integer(filter_entry["blocklabel"]))), bool(
+                _to_integer(filter_entry["flip"])
+            )
+        symbol = _to_integer(_item(_item(model["rules"], symbol), 1)["rhs"])
     raise ValueError("its grammar does not end")
 
 
-def _weights(block: dict[str, Any]) -> NDArray[np.float32]:
-    shape = tuple(_integers(block["shape"]))
+def _read_weights(block: dict[str, Any]) -> NDArray[np.float32]:
+    shape = tuple(_to_integers(block["shape"]))
     if len(shape) != 3 or shape[2] != CHANNELS or not 0 < min(shape) <= max(shape) <= MOST_CELLS:
         raise ValueError(f"a filter has the shape {shape}, not (rows, cols, {CHANNELS})")
     weights = np.asarray(block["w"], np.float64).reshape(shape, order="F")
@@ -142,7 +144,7 @@ def _weights(block: dict[str, Any]) -> NDArray[np.float32]:
     return np.ascontiguousarray(weights, np.float32)
 
 
-def _together(root: NDArray[np.float32], parts: list[tuple[NDArray[np.float32], int, int]]) -> NDArray[np.float32]:
+def _merge_parts(root: NDArray[np.float32], parts: list[tuple[NDArray[np.float32], int, int]]) -> NDArray[np.float32]:
     """Parts at their places in the root's frame, of twice its rows and columns; elsewhere the root, interpolated.
 
     The root is scaled so that, where there are parts, it has as much energy as they have.

@@ -153,7 +153,7 @@ def distinct_stems(paths: Sequence[Path]) -> list[str]:
 
     Stems that differ only in case count as the same, as they are on some file systems; very long ones are cut.
     """
-    stems = [_short(path.stem) or "input" for path in paths]
+    stems = [_shorten(path.stem) or "input" for path in paths]
     plain_stems = {stem.casefold() for stem in stems}  # a numbered stem must not equal the stem of another input
     taken: set[str] = set()
     result = []
@@ -168,7 +168,7 @@ def distinct_stems(paths: Sequence[Path]) -> list[str]:
     return result
 
 
-def _short(stem: str) -> str:
+def _shorten(stem: str) -> str:
     """The first :data:`MAX_STEM_BYTES` of a name, in the encoding of file names."""
     first = os.fsencode(stem)[:MAX_STEM_BYTES]
     return first.decode(errors="ignore") if sys.getfilesystemencoding() == "utf-8" else os.fsdecode(first)

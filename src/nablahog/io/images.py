@@ -20,7 +20,7 @@ from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import Readable, input_file
-from .pixels import decoded, has_8_bits, levels, register_heif
+from .pixels import decode_image, has_8_bits, pixel_values, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
@@ -75,10 +75,10 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about odd metadata, and about many pixels
         try:
-            image = decoded(file)
+            image = decode_image(file)
             if not image.width * image.height:
                 raise ValueError(f"it has no pixels ({image.height}x{image.width})")
-            return _assembled(image, size, as_bytes)
+            return _assemble(image, size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
             raise ValueError(f"{file}: an image of more than {limit:,} pixels is refused; it may be a bomb") from None
@@ -97,36 +97,38 @@ def longer_side(path: Readable) -> int:
         return max(image.size)
 
 
-def _assembled(image: Image.Image, size: int, as_bytes: bool) -> Tensor:
+def _assemble(image: Image.Image, size: int, as_bytes: bool) -> Tensor:
     """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
-    height, width = _limited(image.height, image.width, size)
-    kept = as_bytes and has_8_bits(image) and (height, width) == (image.height, image.width)
+    height, width = _limit(image.height, image.width, size)
+    keeps_bytes = as_bytes and has_8_bits(image) and (height, width) == (image.height, image.width)
     narrow, row = torch.empty(0), 0
-    for each in levels(image):
-        strip = torch.from_numpy(each).movedim(-1, 0)
+    for values in pixel_values(image):
+        strip = torch.from_numpy(values).movedim(-1, 0)
         if not row:
-            narrow = torch.empty(len(strip), image.height, width, dtype=torch.uint8 if kept else torch.float32)
-        narrow[:, row : row + len(each)] = (strip * 255).round() if kept else _resized(strip, len(each), width)
-        row += len(each)
-    return narrow if kept else _resized(narrow, height, width).clamp_(0, 1)
+            narrow = torch.empty(len(strip), image.height, width, dtype=torch.uint8 if keeps_bytes else torch.float32)
+        narrow[:, row : row + len(values)] = (
+            (strip * 255).round() if keeps_bytes else _resize(strip, len(values), width)
+        )
+        row += len(values)
+    return narrow if keeps_bytes else _resize(narrow, height, width).clamp_(0, 1)
 
 
 def limit_size(image: Tensor, size: int) -> Tensor:
     """An image (C, H, W) in 0…1 with at most ``size`` pixels, at least 1, on its longer side: shrunk, antialiased."""
     if size < 1:
         raise ValueError(f"size must be at least 1 pixel, got {size}")
-    small = _resized(image, *_limited(image.shape[1], image.shape[2], size))
+    small = _resize(image, *_limit(image.shape[1], image.shape[2], size))
     return image if small is image else small.clamp(0, 1)  # bicubic overshoots at edges
 
 
-def _limited(height: int, width: int, size: int) -> tuple[int, int]:
+def _limit(height: int, width: int, size: int) -> tuple[int, int]:
     longer = max(height, width)
     if not 0 < size < longer:
         return height, width
     return max(1, round(height * size / longer)), max(1, round(width * size / longer))
 
 
-def _resized(image: Tensor, height: int, width: int) -> Tensor:
+def _resize(image: Tensor, height: int, width: int) -> Tensor:
     if image.shape[1:] == (height, width):
         return image
     return functional.interpolate(image[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]
@@ -184,17 +186,19 @@ def exif_focal(image: Image.Image) -> float | None:
         warnings.simplefilter("ignore")
         tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
         diagonal, shrunk = math.hypot(*image.size), 1.0
-        stored = [_number(tags.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)]
+        stored = [
+            _positive_number(tags.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)
+        ]
         if all(stored):
             (short, long), (stored_short, stored_long) = sorted(image.size), sorted(stored)
             if abs(short * stored_long / (long * stored_short) - 1) > _CUT:
                 return None
             shrunk = long / stored_long
-        focal = _number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm)) / _FILM * diagonal
+        focal = _positive_number(tags.get(ExifTags.Base.FocalLengthIn35mmFilm)) / _FILM * diagonal
         if not focal:
             unit = _MILLIMETRES[int(tags.get(ExifTags.Base.FocalPlaneResolutionUnit, 2))]
-            resolution = _number(tags.get(ExifTags.Base.FocalPlaneXResolution)) / unit
-            focal = _number(tags.get(ExifTags.Base.FocalLength)) * resolution * shrunk
+            resolution = _positive_number(tags.get(ExifTags.Base.FocalPlaneXResolution)) / unit
+            focal = _positive_number(tags.get(ExifTags.Base.FocalLength)) * resolution * shrunk
         return focal if SHORTEST * diagonal <= focal <= LONGEST * diagonal else None
     return None
 
@@ -227,7 +231,7 @@ def read_exif_focal(path: Readable) -> float | None:
     return None
 
 
-def _number(value: object) -> float:
+def _positive_number(value: object) -> float:
     """A number above 0; 0 for anything else."""
     number = float(value) if value is not None else 0.0  # type: ignore[arg-type]
     return number if 0 < number < math.inf else 0.0

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
 from ..runtime.text import one_line
-from .arrays import Arrays, check_format, naming, read_arrays, text, write_arrays
+from .arrays import Arrays, check_format, naming, read_arrays, read_text, write_arrays
 from .input_file import Readable
 
 Model = TypeVar("Model", bound="LearnedModel")
@@ -118,17 +118,17 @@ def account(kind: type[Any]) -> Codec:
 
     def decode(arrays: Arrays, name: str) -> Any:
         try:
-            stored = json.loads(text(arrays, name))
+            stored = json.loads(read_text(arrays, name))
             left_out = {field.name for field in fields(kind) if field.default is not MISSING} - stored.keys()
             hints = get_type_hints(kind).items()
-            return kind(**{name: _as(hint, stored[name]) for name, hint in hints if name not in left_out})
+            return kind(**{name: _convert(hint, stored[name]) for name, hint in hints if name not in left_out})
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ValueError(f"how it was learned cannot be read: {one_line(error)}") from None
 
     return Codec(lambda value: json.dumps(asdict(value)), decode)
 
 
-def _as(hint: Any, value: Any) -> Any:
+def _convert(hint: Any, value: Any) -> Any:
     return tuple(map(get_args(hint)[0], value)) if get_origin(hint) is tuple else hint(value)
 
 
@@ -145,8 +145,8 @@ def _scalar(what: str, kinds: str) -> Codec:
 TENSOR = Codec(lambda value: value.cpu().numpy(), lambda arrays, name: torch.from_numpy(arrays[name]))
 INTEGER = _scalar("integer", "iu")
 NUMBER = _scalar("float64", "f")
-TEXTS = Codec(json.dumps, lambda arrays, name: tuple(map(str, json.loads(text(arrays, name)))))
-SPEC = Codec(HOGSpec.to_json, lambda arrays, name: HOGSpec.from_json(text(arrays, name)))
+TEXTS = Codec(json.dumps, lambda arrays, name: tuple(map(str, json.loads(read_text(arrays, name)))))
+SPEC = Codec(HOGSpec.to_json, lambda arrays, name: HOGSpec.from_json(read_text(arrays, name)))
 
 
 def check_tensor(
@@ -154,7 +154,7 @@ def check_tensor(
 ) -> None:
     """Raises ValueError unless a tensor has this dtype and shape and lies in ``least`` … ``most``."""
     if value.dtype != dtype or value.shape != shape or not value.numel():
-        expected, got = (str(each).removeprefix("torch.") for each in (dtype, value.dtype))
+        expected, got = (str(kind).removeprefix("torch.") for kind in (dtype, value.dtype))
         raise ValueError(f"the {name} must be {expected} of shape {shape}, got {got} of {tuple(value.shape)}")
     if not ((value >= least) & (value <= most)).all():  # NaN fails too
         bounds = f"within ±{most:.5g}, got NaN, Inf or more"
@@ -163,7 +163,7 @@ def check_tensor(
         raise ValueError(f"the {name} must lie {bounds}")
 
 
-def flat(tensors: Iterable[Tensor]) -> Tensor:
+def flatten_all(tensors: Iterable[Tensor]) -> Tensor:
     """All entries of the tensors in order, (n,), on the CPU."""
     return torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
 
@@ -180,7 +180,7 @@ def _load(model: type[LearnedModel], file: Path, changed: tuple[int, int] | None
     return model.load(file)
 
 
-def count(make: Callable[[], nn.Module]) -> int:
+def count_weights(make: Callable[[], nn.Module]) -> int:
     """The number of weights of the network that ``make`` makes, without allocating them."""
     with torch.device("meta"):
         return sum(weight.numel() for weight in make().parameters())
@@ -188,19 +188,19 @@ def count(make: Callable[[], nn.Module]) -> int:
 
 def check_weights(weights: Tensor, make: Callable[[], nn.Module]) -> None:
     """Raises ValueError unless these are all weights of such a network, (n,), float16, finite."""
-    check_tensor("weights", weights, torch.float16, (count(make),), -LARGEST, LARGEST)
+    check_tensor("weights", weights, torch.float16, (count_weights(make),), -LARGEST, LARGEST)
 
 
-def with_weights(make: Callable[[], Network], weights: Tensor) -> Network:
+def build_network(make: Callable[[], Network], weights: Tensor) -> Network:
     """The network that ``make`` makes, with weights (n,), in float32 on the CPU, for evaluation."""
     with torch.device("meta"):
         network = make()
     parameters = dict(network.named_parameters())
-    parts = torch.split(weights.float().cpu(), [each.numel() for each in parameters.values()])
+    parts = torch.split(weights.float().cpu(), [parameter.numel() for parameter in parameters.values()])
     state = {name: part.view(each.shape) for (name, each), part in zip(parameters.items(), parts, strict=True)}
-    state |= {name: torch.zeros(each.shape, dtype=each.dtype) for name, each in network.named_buffers()}
+    state |= {name: torch.zeros(buffer.shape, dtype=buffer.dtype) for name, buffer in network.named_buffers()}
     network.load_state_dict(state, assign=True)  # Module.to_empty imports SymPy, for half a second
-    for layer in _normalised(network):
+    for layer in _find_norm_layers(network):
         layer.reset_running_stats()
     return network.eval()
 
@@ -211,7 +211,7 @@ def fold_statistics(network: nn.Module) -> None:
 
     The network's answers stay the same, until it is trained further.
     """
-    for layer in _normalised(network):
+    for layer in _find_norm_layers(network):
         mean, variance = layer.running_mean, layer.running_var
         assert mean is not None
         assert variance is not None
@@ -227,7 +227,7 @@ def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
     It normalises by the means and variances of its inputs during ``run``.  Its answers stay the same, until it is
     trained.
     """
-    moments: dict[nn.BatchNorm2d, list[tuple[Tensor, Tensor]]] = {layer: [] for layer in _normalised(network)}
+    moments: dict[nn.BatchNorm2d, list[tuple[Tensor, Tensor]]] = {layer: [] for layer in _find_norm_layers(network)}
 
     def watch(layer: nn.Module, inputs: tuple[Tensor, ...]) -> None:
         assert isinstance(layer, nn.BatchNorm2d)
@@ -239,7 +239,7 @@ def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
     for hook in watched:
         hook.remove()
     for layer, seen in moments.items():
-        mean, square = (torch.stack(each).mean(dim=0) for each in zip(*seen, strict=True))
+        mean, square = (torch.stack(batches).mean(dim=0) for batches in zip(*seen, strict=True))
         assert layer.running_mean is not None
         assert layer.running_var is not None
         layer.running_mean.copy_(mean)
@@ -249,5 +249,5 @@ def unfold_statistics(network: nn.Module, run: Callable[[], object]) -> None:
     network.train()
 
 
-def _normalised(network: nn.Module) -> Iterator[nn.BatchNorm2d]:
+def _find_norm_layers(network: nn.Module) -> Iterator[nn.BatchNorm2d]:
     return (layer for layer in network.modules() if isinstance(layer, nn.BatchNorm2d))

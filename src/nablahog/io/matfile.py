@@ -45,7 +45,7 @@ def read_mat(path: Readable) -> dict[str, Any]:
         FileNotFoundError: there is no such file.
         ValueError: it is no .mat file of version 5, is damaged, or exceeds :data:`MAX_BYTES` or :data:`MAX_ELEMENTS`.
     """
-    return _parsed(input_file(path), _variables)
+    return _parse(input_file(path), _read_variables)
 
 
 def read_mat_arrays(path: Readable) -> dict[str, NDArray[np.generic]]:
@@ -53,10 +53,10 @@ def read_mat_arrays(path: Readable) -> dict[str, NDArray[np.generic]]:
 
     Complex arrays are complex, too, but without their imaginary parts.
     """
-    return _parsed(input_file(path), _arrays)
+    return _parse(input_file(path), _read_arrays)
 
 
-def _parsed(file: InputFile, parse: Callable[[bytes], Parsed]) -> Parsed:
+def _parse(file: InputFile, parse: Callable[[bytes], Parsed]) -> Parsed:
     """What a function makes of the file's bytes; what is wrong with them is a ValueError that begins with its name."""
     file.check("a MATLAB file")
     try:
@@ -82,17 +82,17 @@ class _Bytes:
     elements: int = 0
 
 
-def _variables(data: bytes) -> dict[str, Any]:
-    return dict(_matrix(element.data, order, 0) for element, order in _matrices(data))
+def _read_variables(data: bytes) -> dict[str, Any]:
+    return dict(_read_matrix(element.data, order, 0) for element, order in _iterate_matrices(data))
 
 
-def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
+def _read_arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
     arrays, taken = {}, 0
-    for element, order in _matrices(data):
-        flags = _flags(next(_elements(element.data, order), None), order) if len(element.data) else 0
+    for element, order in _iterate_matrices(data):
+        flags = _read_flags(next(_iterate_elements(element.data, order), None), order) if len(element.data) else 0
         code = _CLASSES.get(flags & 0xFF)
         if code is not None:
-            name, values = _matrix(element.data, order, 0)
+            name, values = _read_matrix(element.data, order, 0)
             code = "c16" if flags & _COMPLEX else "?" if flags & _LOGICAL else code
             taken += values.size * np.dtype(code).itemsize
             if taken > MAX_ARRAY_BYTES:
@@ -102,7 +102,7 @@ def _arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
     return arrays
 
 
-def _matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
+def _iterate_matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
     """An array of any class for each variable, unpacked, and the order of the bytes."""
     if len(data) > MAX_BYTES:
         raise _Damaged(f"it has more than {MAX_BYTES:,} bytes")
@@ -112,17 +112,17 @@ def _matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
         raise _Damaged("its header does not say so")
     order = _Bytes(_ORDERS[data[126:128]])
     left = MAX_BYTES - len(data)
-    for element in _elements(memoryview(data)[128:], order):
+    for element in _iterate_elements(memoryview(data)[128:], order):
         if element.kind == _COMPRESSED:
-            unpacked = _unpacked(element.data, left)
+            unpacked = _unpack(element.data, left)
             left -= len(unpacked)
-            element = next(_elements(memoryview(unpacked), order), _Element(0, memoryview(b"")))
+            element = next(_iterate_elements(memoryview(unpacked), order), _Element(0, memoryview(b"")))
         if element.kind != _MATRIX:
             raise _Damaged(f"a variable is of the type {element.kind}")
         yield element, order
 
 
-def _unpacked(data: memoryview, most: int) -> bytes:
+def _unpack(data: memoryview, most: int) -> bytes:
     stream = zlib.decompressobj()
     try:
         unpacked = stream.decompress(data, most + 1)
@@ -135,7 +135,7 @@ def _unpacked(data: memoryview, most: int) -> bytes:
     return unpacked
 
 
-def _elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
+def _iterate_elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
     """The elements in a row: a tag of 8 bytes and data padded to 8 bytes, or both in 8 bytes."""
     position = 0
     while position < len(data):
@@ -156,81 +156,81 @@ def _elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
         position = start + padded
 
 
-def _matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
+def _read_matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
     """The name and the value of an array of any class; an empty element is an array without a name."""
     if depth > MAX_DEPTH:
         raise _Damaged(f"it has structures in each other, more than {MAX_DEPTH} deep")
-    parts = _elements(data, order)
+    parts = _iterate_elements(data, order)
     if not len(data):
         return "", np.empty((0, 0))
-    kind = _flags(next(parts, None), order) & 0xFF
+    kind = _read_flags(next(parts, None), order) & 0xFF
     if kind == _OPAQUE:  # has no shape
         return "", None
-    sides, name = _integers(next(parts, None), order), _text(next(parts, None), order)
+    sides, name = _read_integers(next(parts, None), order), _read_text(next(parts, None), order)
     if len(sides) < 2 or min(sides) < 0:
         raise _Damaged("it is damaged: an array has no shape")
     count = math.prod(sides)  # in Python's numbers, which do not overflow
     if kind == _CHARACTERS:
-        text = _text(next(parts, None), order) if count else ""
+        text = _read_text(next(parts, None), order) if count else ""
         units = len(text.encode("utf-16-le", errors="surrogatepass")) // 2
         if units != count:
             raise _Damaged(f"it is damaged: expected text of length {count}, got {units}")
         return name, text
     if kind in _CLASSES:
-        values = _numbers(next(parts, None), order)
+        values = _read_numbers(next(parts, None), order)
         if len(values) != count:
             raise _Damaged(f"it is damaged: expected an array of size {count}, got {len(values)}")
         return name, values.reshape(sides, order="F")
     if kind == _CELL:
-        return name, [_value(part, order, depth) for part in _exactly(count, parts)]
+        return name, [_read_value(part, order, depth) for part in _take(count, parts)]
     if kind == _STRUCT:
-        width, names = _integers(next(parts, None), order), next(parts, None)
+        width, names = _read_integers(next(parts, None), order), next(parts, None)
         if len(width) != 1 or width[0] < 1 or names is None:
             raise _Damaged("it is damaged: a structure has no fields")
-        (step,) = width
-        if len(names.data) > step * MAX_ELEMENTS:
+        (name_length,) = width
+        if len(names.data) > name_length * MAX_ELEMENTS:
             raise _Damaged(f"a structure has more than {MAX_ELEMENTS:,} fields")
-        fields = [bytes(names.data[i : i + step]) for i in range(0, len(names.data), step)]
+        fields = [bytes(names.data[i : i + name_length]) for i in range(0, len(names.data), name_length)]
         keys = [field.partition(b"\0")[0].decode("latin-1") for field in fields]
-        values_of = [_value(part, order, depth) for part in _exactly(count * len(keys), parts)]
-        rows = [values_of[i : i + len(keys)] for i in range(0, len(values_of), max(1, len(keys)))]
+        field_values = [_read_value(part, order, depth) for part in _take(count * len(keys), parts)]
+        rows = [field_values[i : i + len(keys)] for i in range(0, len(field_values), max(1, len(keys)))]
         return name, [dict(zip(keys, row, strict=True)) for row in rows]
     return name, None
 
 
-def _value(element: _Element, order: _Bytes, depth: int) -> Any:
+def _read_value(element: _Element, order: _Bytes, depth: int) -> Any:
     if element.kind != _MATRIX:
         raise _Damaged(f"it is damaged: a field is of the type {element.kind}")
-    return _matrix(element.data, order, depth + 1)[1]
+    return _read_matrix(element.data, order, depth + 1)[1]
 
 
-def _exactly(count: int, parts: Iterator[_Element]) -> list[_Element]:
+def _take(count: int, parts: Iterator[_Element]) -> list[_Element]:
     values = list(parts)
     if len(values) != count:
         raise _Damaged(f"it is damaged: expected a list of length {count}, got {len(values)}")
     return values
 
 
-def _flags(element: _Element | None, order: _Bytes) -> int:
+def _read_flags(element: _Element | None, order: _Bytes) -> int:
     """The class of an array and its flags."""
-    return next(iter(_integers(element, order)), 0)
+    return next(iter(_read_integers(element, order)), 0)
 
 
-def _integers(element: _Element | None, order: _Bytes) -> list[int]:
-    numbers = _numbers(element, order)
+def _read_integers(element: _Element | None, order: _Bytes) -> list[int]:
+    numbers = _read_numbers(element, order)
     if not np.isfinite(numbers).all():
         raise _Damaged("it is damaged: expected integers")
     return [int(number) for number in numbers]
 
 
-def _numbers(element: _Element | None, order: _Bytes) -> NDArray[np.float64]:
+def _read_numbers(element: _Element | None, order: _Bytes) -> NDArray[np.float64]:
     code = None if element is None else _NUMBERS.get(element.kind)
     if element is None or code is None or len(element.data) % int(code[1]):
         raise _Damaged("it is damaged: expected numbers")
     return np.frombuffer(element.data, order.order + code).astype(np.float64)
 
 
-def _text(element: _Element | None, order: _Bytes) -> str:
+def _read_text(element: _Element | None, order: _Bytes) -> str:
     encoding = None if element is None else _TEXTS.get(element.kind)
     if element is None or encoding is None:
         raise _Damaged("it is damaged: expected text")

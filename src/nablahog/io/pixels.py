@@ -37,7 +37,7 @@ def register_heif() -> None:
         pillow_heif.register_heif_opener()
 
 
-def decoded(file: InputFile) -> Image.Image:
+def decode_image(file: InputFile) -> Image.Image:
     """The image in a file, upright; raises whatever Pillow does if it is damaged."""
     register_heif()
     if file.size > MAX_BYTES:
@@ -45,21 +45,21 @@ def decoded(file: InputFile) -> Image.Image:
     # from memory: some decoders allocate as many bytes as a damaged file promises
     data = file.read()
     try:
-        return _opened(data)
+        return _open(data)
     except OSError:
         if not data.startswith((_JPEG, *_JPEG_2000)):
             raise
         data = data.removesuffix(b"\xff")
         if not data.startswith(_JPEG):
-            return _opened(data + _JPEG_END)
+            return _open(data + _JPEG_END)
         # what follows the pixels of a JPEG file changes none of them, unless some are missing
-        image, same = (_opened(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
+        image, same = (_open(data + other + _JPEG_END) for other in (b"", b"\x55" * 64))
         if "progressive" in image.info or image.tobytes() != same.tobytes():
             raise
         return image
 
 
-def _opened(data: bytes) -> Image.Image:
+def _open(data: bytes) -> Image.Image:
     image: Image.Image
     with Image.open(io.BytesIO(data)) as image:
         if image.format == "EPS":
@@ -92,35 +92,35 @@ def has_8_bits(image: Image.Image) -> bool:
     return image.mode not in ("I", "F") and not image.mode.startswith("I;16")
 
 
-def levels(image: Image.Image) -> Iterator[NDArray[np.float32]]:
+def pixel_values(image: Image.Image) -> Iterator[NDArray[np.float32]]:
     """Strips (rows, W, C) of some rows, in 0…1, from the top; C is 1 for gray images, or 3.
 
     Raises:
         ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
     """
     if has_8_bits(image):
-        yield from map(_of_8_bits, _strips(image))
+        yield from map(_scale_8_bits, _cut_strips(image))
         return
     tags: dict[int, Any] = getattr(image, "tag_v2", {})
     # Pillow reads unsigned numbers of 32 bits as signed ones
     unsigned = tags.get(BITSPERSAMPLE) == (32,) and tags.get(SAMPLEFORMAT, (1,)) == (1,)
     kind = np.uint32 if image.mode == "I" and unsigned else None
     # strip by strip, as their numbers are copied
-    bounds = [(float(numbers.min()), float(numbers.max())) for numbers in _numbers(image, kind)]
+    bounds = [(float(numbers.min()), float(numbers.max())) for numbers in _strip_numbers(image, kind)]
     lowest, highest = min(low for low, _ in bounds), max(high for _, high in bounds)
     if any(math.isnan(high) for _, high in bounds):
         raise ValueError("expected levels in 0…1 or 0…255, got NaN")
-    largest = _largest_of_floats(lowest, highest) if image.mode == "F" else 65535
+    largest = _find_white(lowest, highest) if image.mode == "F" else 65535
     if image.mode != "F" and not 0 <= lowest <= highest <= largest:
         raise ValueError(f"expected levels in 0…{largest}, got {lowest:.0f} … {highest:.0f}")
-    for numbers in _numbers(image, kind):
+    for numbers in _strip_numbers(image, kind):
         scaled = numbers.clip(0, largest).astype(np.float32)[..., np.newaxis]
         scaled /= np.float32(largest)
         # Pillow itself inverts levels of 8 bits
         yield 1 - scaled if tags.get(PHOTOMETRIC_INTERPRETATION) == _WHITE_IS_ZERO else scaled
 
 
-def _largest_of_floats(lowest: float, highest: float) -> int:
+def _find_white(lowest: float, highest: float) -> int:
     """The level of white, 1 or 255, of floats from the lowest to the highest."""
     for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
         if highest >= least and -_OVERSHOOT * largest <= lowest and highest <= (1 + _OVERSHOOT) * largest:
@@ -128,30 +128,30 @@ def _largest_of_floats(lowest: float, highest: float) -> int:
     raise ValueError(f"expected levels in 0…1 or 0…255, got {lowest:g} … {highest:g}")
 
 
-def _strips(image: Image.Image) -> Iterator[Image.Image]:
+def _cut_strips(image: Image.Image) -> Iterator[Image.Image]:
     rows = max(1, STRIP // image.width)
     for y in range(0, image.height, rows):
         yield image.crop((0, y, image.width, min(y + rows, image.height)))
 
 
-def _numbers(image: Image.Image, kind: type[np.generic] | None) -> Iterator[NDArray[Any]]:
-    for strip in _strips(image):
+def _strip_numbers(image: Image.Image, kind: type[np.generic] | None) -> Iterator[NDArray[Any]]:
+    for strip in _cut_strips(image):
         yield np.asarray(strip) if kind is None else np.asarray(strip).view(kind)
 
 
-def _of_8_bits(image: Image.Image) -> NDArray[np.float32]:
+def _scale_8_bits(image: Image.Image) -> NDArray[np.float32]:
     """(rows, W, C) of an image of 1 or 8 bits a channel."""
     gray = image.mode in _GRAY_MODES
     if image.has_transparency_data:
-        rgba = _scaled(image.convert("LA" if image.mode == "La" else "RGBA"))
+        rgba = _scale(image.convert("LA" if image.mode == "La" else "RGBA"))
         alpha = rgba[..., -1:]
         over_white = rgba[..., :-1] * alpha + (1 - alpha)
         return over_white[..., :1] if gray else over_white
-    scaled = _scaled(image.convert("L" if gray else "RGB"))
+    scaled = _scale(image.convert("L" if gray else "RGB"))
     return scaled[..., np.newaxis] if gray else scaled
 
 
-def _scaled(image: Image.Image) -> NDArray[np.float32]:
+def _scale(image: Image.Image) -> NDArray[np.float32]:
     scaled = np.asarray(image).astype(np.float32)
     scaled /= np.float32(255)
     return scaled

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
-from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, check_weights, with_weights
+from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, build_network, check_weights
 from .background import FINE, pose_spec
 from .crop import SIDE
 from .model import VIEW_COUNT
@@ -131,7 +131,7 @@ class ViewpointPrior(LearnedModel):
 
     @cached_property
     def _network(self) -> ViewpointNetwork:
-        return with_weights(self._make, self.weights)
+        return build_network(self._make, self.weights)
 
     @torch.no_grad()
     def log_probabilities(self, images: Tensor) -> Tensor:

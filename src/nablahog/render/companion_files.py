@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from ..io.files import local_name
-from ..io.pixels import has_8_bits, levels
+from ..io.pixels import has_8_bits, pixel_values
 from .mesh_bytes import as_utf8
 from .polygons import Floats, to_gray
 
@@ -102,7 +102,7 @@ class CompanionFiles:
             if has_8_bits(texture):
                 texture = texture.convert("RGB")
             else:  # which convert() would clip
-                texture = Image.fromarray(np.concatenate(list(levels(texture)))[..., 0])
+                texture = Image.fromarray(np.concatenate(list(pixel_values(texture)))[..., 0])
             texture.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
             small = np.asarray(texture)
             return to_gray(small if small.ndim == 3 else small[..., None].repeat(3, axis=2))

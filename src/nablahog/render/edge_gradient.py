@@ -154,8 +154,8 @@ def antialias(
         on_axis = crossings.select(crossings.axis == axis)
         crossed = torch.zeros_like(touching)
         crossed[on_axis.batch, on_axis.row, on_axis.col] = True
-        one = on_axis.select(on_axis.measured & touching[on_axis.batch, on_axis.row, on_axis.col])
-        image = _move_edges(image, axis, difference, one, motion, edges, supersampling)
+        moving = on_axis.select(on_axis.measured & touching[on_axis.batch, on_axis.row, on_axis.col])
+        image = _move_edges(image, axis, difference, moving, motion, edges, supersampling)
         # links without an edge: their middle moves with the surface in front
         n, row, col = ((difference != 0) & touching & ~crossed).nonzero().T
         row2, col2 = row + (axis == 0), col + (axis == 1)
@@ -169,18 +169,18 @@ def antialias(
 
 
 def _move_edges(
-    image: Tensor, axis: int, difference: Tensor, one: Crossings, motion: Tensor, edges: Edges, supersampling: int
+    image: Tensor, axis: int, difference: Tensor, moving: Crossings, motion: Tensor, edges: Edges, supersampling: int
 ) -> Tensor:
     """Moves the boundary of links with an edge to the crossing; its derivative is that of the edge's motion."""
-    share, across = 1 / supersampling**2, difference[one.batch, one.row, one.col]
-    after = (one.at >= 0.5).long()
-    row, col = one.row + after * (axis == 0), one.col + after * (axis == 1)
-    pixel = (one.batch, row // supersampling, col // supersampling)
-    image = image.index_put(pixel, (0.5 - one.at) * across * share, accumulate=True)
-    ends = motion[one.batch[:, None], edges.ends[one.edge]]
-    moved = torch.lerp(ends[:, 0], ends[:, 1], one.part[:, None])
+    share, across = 1 / supersampling**2, difference[moving.batch, moving.row, moving.col]
+    after = (moving.at >= 0.5).long()
+    row, col = moving.row + after * (axis == 0), moving.col + after * (axis == 1)
+    pixel = (moving.batch, row // supersampling, col // supersampling)
+    image = image.index_put(pixel, (0.5 - moving.at) * across * share, accumulate=True)
+    ends = motion[moving.batch[:, None], edges.ends[moving.edge]]
+    moved = torch.lerp(ends[:, 0], ends[:, 1], moving.part[:, None])
     # by which the edge moves along the link: this share of a sample changes sides
-    advance = moved[:, 1 - axis] - one.slope * moved[:, axis]
+    advance = moved[:, 1 - axis] - moving.slope * moved[:, axis]
     return image.index_put(pixel, -across.detach() * share * advance, accumulate=True)
 
 

@@ -54,7 +54,7 @@ def check_sizes(header: Json, size: int) -> None:
     limits += [("bytes in accessors", unpacked, most_bytes)]
     for where, sizes in (("", meshes), (" in its nodes", placed)):
         most = {"primitives": MAX_NODES, "vertices": max(MAX_FACES, stored), "faces": MAX_FACES}
-        limits += [(what + where, sum(each[k] for each in sizes), most[what]) for k, what in enumerate(most)]
+        limits += [(what + where, sum(size[k] for size in sizes), most[what]) for k, what in enumerate(most)]
     for what, number, limit in limits:
         if number > limit:
             raise ValueError(f"at most {limit:,} {what} are allowed, got {number:,}")

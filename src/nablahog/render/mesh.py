@@ -15,7 +15,7 @@ import torch
 from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
-from ..io.arrays import check_format, naming, read_arrays, text, write_arrays
+from ..io.arrays import check_format, naming, read_arrays, read_text, write_arrays
 from ..io.input_file import Readable, input_file
 from ..runtime.text import what_came
 from .mesh_file import read_soup
@@ -274,7 +274,7 @@ def load_meshes(path: Path) -> dict[str, Mesh]:
         ends = arrays["ends"].astype(np.int64)
         numbers = zip(*(np.split(arrays[name], ends[:-1, k]) for k, name in enumerate(_ARRAYS[3:])), strict=True)
         meshes = (Mesh(v.astype(np.float64), f.astype(np.int64), b.astype(np.float64)) for v, f, b in numbers)
-        return dict(zip(json.loads(text(arrays, "names")), meshes, strict=True))
+        return dict(zip(json.loads(read_text(arrays, "names")), meshes, strict=True))
 
 
 def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype: DTypeLike = np.float32) -> None:
@@ -284,11 +284,16 @@ def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype:
         OSError: the file cannot be written.
         OverflowError: a mesh has more than 65,536 vertices.
     """
-    each = [(mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()]
-    if any(len(vertices) > 2**16 for vertices, _, _ in each):
+    arrays_of_meshes = [
+        (mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()
+    ]
+    if any(len(vertices) > 2**16 for vertices, _, _ in arrays_of_meshes):
         raise OverflowError("expected meshes of at most 65,536 vertices")
     dtypes = (dtype, np.uint16, dtype)
-    whole = [np.concatenate(parts).astype(of) for parts, of in zip(zip(*each, strict=True), dtypes, strict=True)]
-    ends = np.cumsum([[len(part) for part in parts] for parts in each], axis=0)
+    whole = [
+        np.concatenate(parts).astype(kind)
+        for parts, kind in zip(zip(*arrays_of_meshes, strict=True), dtypes, strict=True)
+    ]
+    ends = np.cumsum([[len(part) for part in parts] for parts in arrays_of_meshes], axis=0)
     arrays = {"names": json.dumps(list(meshes)), "ends": ends, **dict(zip(_ARRAYS[3:], whole, strict=True))}
     write_arrays(path, _FORMAT, arrays, compressed=True)

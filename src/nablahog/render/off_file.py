@@ -52,13 +52,13 @@ def read_off(text: str) -> Soup:
         corners.append(list(map(int, numbers[: int(count)])))
         colours.append(numbers[int(count) : int(count) + 4])
     corner_brightness = None
-    coloured = [number for number, each in enumerate(colours) if len(each) >= 3]  # others: a table's index, or none
+    coloured = [number for number, colour in enumerate(colours) if len(colour) >= 3]  # others: a table's index, or none
     if coloured and vertex_brightness is None:
-        of_faces = np.full(face_count, BRIGHTNESS)
-        of_faces[coloured] = _read_brightness([colours[number] for number in coloured])
-        corner_brightness = of_faces.repeat([len(each) for each in corners])
+        face_brightness = np.full(face_count, BRIGHTNESS)
+        face_brightness[coloured] = _read_brightness([colours[number] for number in coloured])
+        corner_brightness = face_brightness.repeat([len(polygon) for polygon in corners])
     all_corners = np.array(list(chain.from_iterable(corners)), dtype=np.int64)
-    counts = np.array([len(each) for each in corners], dtype=np.int64)
+    counts = np.array([len(polygon) for polygon in corners], dtype=np.int64)
     return make_soup(
         vertices, all_corners, counts, vertex_brightness=vertex_brightness, corner_brightness=corner_brightness
     )
@@ -71,11 +71,11 @@ def _read_counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
         numbers += map(int, line.split())
         if len(numbers) >= 2:
             # the number of edges, which may be left out, is on the same line or alone on the next one
-            alone = len(numbers) == 2 and done and [len(each.split()) for each in lines[done - 1 : done + 2]] == [1] * 3
+            alone = len(numbers) == 2 and done and [len(line.split()) for line in lines[done - 1 : done + 2]] == [1] * 3
             return (numbers[0], numbers[1]), lines[done + (2 if alone else 1) :]
     raise ValueError("the numbers of vertices and faces are missing")
 
 
 def _read_brightness(colours: list[list[str]]) -> Floats:
     # with the alpha, which tells 0…255 from 0…1 where the colours are dark
-    return to_gray(np.array([[*each, "0"][:4] for each in colours], dtype=np.float64).reshape(-1, 4))
+    return to_gray(np.array([[*colour, "0"][:4] for colour in colours], dtype=np.float64).reshape(-1, 4))

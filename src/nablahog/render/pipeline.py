@@ -83,9 +83,9 @@ def render_torch(
     if not by_motion:
         return image[:, None]
     w = screen[..., 2:]
-    zero, one = torch.zeros_like(w), torch.full_like(w, supersampling)
-    motions = [one, zero, zero], [supersampling * w, zero, zero], [zero, one, zero], [zero, supersampling * w, zero]
-    return torch.stack([image, *(draw_moved(torch.cat(each, 2)) - image for each in motions)], 1)
+    zero, pixel = torch.zeros_like(w), torch.full_like(w, supersampling)
+    motions = [pixel, zero, zero], [supersampling * w, zero, zero], [zero, pixel, zero], [zero, supersampling * w, zero]
+    return torch.stack([image, *(draw_moved(torch.cat(motion, 2)) - image for motion in motions)], 1)
 
 
 def _shade(

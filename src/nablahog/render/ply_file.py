@@ -181,7 +181,7 @@ def _read_text(element: Element, rows: list[list[bytes]]) -> Columns:
                 raise ValueError(f"a row of the element {element.name} has too few numbers")
             columns.setdefault(name, []).extend(row[at : at + count])
             at += count
-    kinds = {each.name: each.kind for each in element.properties}
+    kinds = {column.name: column.kind for column in element.properties}
     return {name: np.array(column).astype(np.float64).astype(kinds.get(name, "i8")) for name, column in columns.items()}
 
 
@@ -203,7 +203,7 @@ def _read_binary(element: Element, data: bytes, at: int, order: str) -> tuple[Co
         ):
             columns = {name: table[name].reshape(-1) for name in table.dtype.names or ()}
             return columns, at + element.rows * row.itemsize
-    if not any(each.length for each in element.properties):
+    if not any(column.length for column in element.properties):
         raise _missing_rows(element)
     return _read_row_by_row(element, data, at, order)
 

@@ -189,7 +189,7 @@ def corner_normals(mesh: Mesh, groups: SmoothingGroups) -> Tensor:
 def corner_brightness(mesh: Mesh, groups: SmoothingGroups, light: Light) -> Tensor:
     """(F, 3) in 0…1: brightness at the corners of each face; differentiable in vertices and albedo."""
     length = math.hypot(*light.direction)
-    direction = mesh.vertices.new_tensor([each / length for each in light.direction])
+    direction = mesh.vertices.new_tensor([part / length for part in light.direction])
     lit = (corner_normals(mesh, groups) @ direction).abs()
     brightness: Tensor = mesh.brightness[mesh.faces] * (light.ambient + light.diffuse * lit)
     return brightness

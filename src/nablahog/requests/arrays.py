@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..hog import HOGSpec
 from ..io.arrays import naming, read_array
-from ..io.descriptor_file import Fit, StoredDescriptor, fit, is_row, shapes, stored
+from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
 from .dialect import PRESETS, as_text, window_of
@@ -33,10 +33,10 @@ def read_stored(path: Readable, request: GlyphRequest) -> StoredDescriptor:
     with naming(path):
         with suggesting(array, request.image_size):
             spec, how = fit_array(array.shape, request)
-        return stored(array, spec, how)
+        return to_descriptor(array, spec, how)
 
 
-def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, Fit]:
+def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, FittedLayout]:
     """How an array of this shape is a descriptor of the preset that was asked for."""
     if request.preset is None:
         raise InputError("an array does not say which library it is from", "preset")
@@ -48,10 +48,10 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
             "(width x height) contradict each other"
         )
     for known in (size,) if size else (None, window):  # rows and columns tell more
-        how = fit(shape, spec, known)
+        how = find_layout(shape, spec, known)
         if how is not None:
             return spec, how
-    if len(shape) > 1 and shape[0] > 1 and fit(shape[1:], spec, size or window) is not None:
+    if len(shape) > 1 and shape[0] > 1 and find_layout(shape[1:], spec, size or window) is not None:
         raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them: save each in its own")
     if is_row(shape):
         size = size or window
@@ -86,7 +86,7 @@ class FittingPreset:
     """
 
     request: GlyphRequest
-    how: Fit
+    how: FittedLayout
     error: float = math.inf
     is_detector: bool = False
 
@@ -113,7 +113,7 @@ def _error(preset: FittingPreset, array: NDArray[np.floating]) -> float:
     if rows * cols > LARGEST:
         return math.inf
     try:
-        descriptor = stored(array, preset.request.spec, preset.how)
+        descriptor = to_descriptor(array, preset.request.spec, preset.how)
     except ValueError:
         return math.inf
     error = normalization_error(descriptor.descriptor.float()[None], descriptor.spec, descriptor.image_size)
@@ -143,9 +143,9 @@ def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[Fi
     return sorted(fitting, key=lambda each: each.how.layout != each.request.spec.layout)
 
 
-def _own(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> Fit | None:
+def _own(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> FittedLayout | None:
     """How an array of this shape is a descriptor as libraries return it, if it is one."""
-    how = fit(shape, spec, image_size)
+    how = find_layout(shape, spec, image_size)
     if how is None or (is_row(shape) and not spec.layout.endswith("vector")):  # no other library returns one row
         return None
     blocks = spec.pooling.has_blocks  # of OpenCV, whose windows are whole strides

@@ -124,7 +124,7 @@ def _write_each(
 def hog_dataset(arguments: Namespace) -> int:
     """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status."""
     with extra("dataset", "a data set of descriptors"):
-        from ...io.descriptor_dataset import key_of_shard, shard_name
+        from ...io.descriptor_dataset import read_shard_key, shard_name
         from ...jobs.describing import ShardJob
     request = request_of(HogRequest, arguments)
     paths, target = _paths(arguments), arguments.output.rstrip("/")
@@ -134,7 +134,7 @@ def hog_dataset(arguments: Namespace) -> int:
         for number, part in enumerate(parts)
     ]
     _check_empty(target, [job.target for job in jobs])
-    keys = [key_of_shard(job.target) for job in jobs]
+    keys = [read_shard_key(job.target) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
         if key not in (None, job.key):
             raise ValueError(f"{job.target} has other images, or another kind of descriptor: expected another -o")

@@ -15,7 +15,7 @@ from ...hog import HOGSpec, presets
 from ...hog.layout import from_layout
 from ...invert import template_descriptor
 from ...io.arrays import is_raw, naming, read_array
-from ...io.descriptor_file import Fit
+from ...io.descriptor_file import FittedLayout
 from ...io.dpm_file import is_dpm_file, load_dpm
 from ...io.input_file import InputFile, Readable, input_file
 from ...requests.arrays import fit_array, suggesting
@@ -104,7 +104,7 @@ def _from_array(path: str, array: NDArray[np.floating], request: GlyphRequest) -
     return Source(path, "", descriptor, spec, how.image_size, None)
 
 
-def _fit(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, Fit]:
+def _fit(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, FittedLayout]:
     lengths = (shape[0], shape[0] - 1) if len(shape) == 1 else ()
     if request.preset is None:
         for length in lengths:

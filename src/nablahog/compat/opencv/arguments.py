@@ -135,5 +135,5 @@ def locations(name: str, value: Locations | None) -> NDArray[np.int64] | None:
         return None
     if not isinstance(value, Sequence | np.ndarray):
         raise TypeError(f"{name} must be a sequence of pairs (x, y), got {type(value).__name__}")
-    corners = [(0, 0) if each is None else pair(f"each of {name}", each) for each in value]
+    corners = [(0, 0) if corner is None else pair(f"each of {name}", corner) for corner in value]
     return np.array(corners, np.int64) if corners else None

@@ -16,9 +16,9 @@ from ...hog.spec import Angle
 from ...runtime.pytorch import in_threads
 from . import arguments
 from .arguments import Locations, Size
-from .multi_scale import Rectangles, Weights, clip, group_by_mean_shift, group_rectangles, levels, resized
+from .multi_scale import Rectangles, Weights, clip, group_by_mean_shift, group_rectangles, pyramid_scales, resize
 from .parameters import Parameters
-from .windows import Padded, descriptors, gradients, placed, scores
+from .windows import Padded, describe_windows, gradient_votes, place_windows, score_windows
 
 
 class HOGDescriptor(Parameters):
@@ -100,12 +100,12 @@ class HOGDescriptor(Parameters):
             TypeError: the image is not an array of uint8, or an argument is not of integers.
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
-        padded, corners = placed(*self._arguments(img, winStride, padding, "locations", locations))
+        padded, corners = place_windows(*self._check_arguments(img, winStride, padding, "locations", locations))
         inside = padded.inside(corners, self.winSize)
         if inside.all():
-            return descriptors(padded, corners, self._scheme).reshape(-1)
+            return describe_windows(padded, corners, self._scheme).reshape(-1)
         out = np.zeros((len(corners), self.getDescriptorSize()), np.float32)
-        out[inside] = descriptors(padded, corners[inside], self._scheme)
+        out[inside] = describe_windows(padded, corners[inside], self._scheme)
         return out.reshape(-1)
 
     def computeGradient(
@@ -136,19 +136,19 @@ class HOGDescriptor(Parameters):
         before, left, top = arguments.margins("paddingTL", paddingTL)
         after, right, bottom = arguments.margins("paddingBR", paddingBR)
         padded = Padded(arguments.image(img), before, after)
-        kept = slice(top, max(padded.size[1] - bottom, 0)), slice(left, max(padded.size[0] - right, 0))
-        votes, bins = (np.ascontiguousarray(each[kept]) for each in gradients(padded, self._scheme))
+        remaining = slice(top, max(padded.size[1] - bottom, 0)), slice(left, max(padded.size[0] - right, 0))
+        votes, bins = (np.ascontiguousarray(pixels[remaining]) for pixels in gradient_votes(padded, self._scheme))
         if not votes.size:
             raise ValueError(f"paddingTL and paddingBR must leave pixels of the image, got {paddingTL} and {paddingBR}")
-        umats: list[Any] = [type(each) for each in (img, grad, angleOfs) if arguments.is_umat(each)]
+        umats: list[Any] = [type(array) for array in (img, grad, angleOfs) if arguments.is_umat(array)]
         if umats:
             votes, bins = umats[0](votes), umats[0](bins)
         return arguments.output("grad", grad, votes), arguments.output("angleOfs", angleOfs, bins)
 
-    def _arguments(
+    def _check_arguments(
         self, img: Any, step: Any, padding: Any, name: str, places: Locations | None
     ) -> tuple[NDArray[np.uint8], Size, Size, NDArray[np.int64] | None, Size, Size]:
-        """The arguments of :func:`placed`."""
+        """The arguments of :func:`place_windows`."""
         around, corners = arguments.margins("padding", padding)[0], arguments.locations(name, places)
         step = arguments.stride(step, self.cellSize)
         return arguments.image(img), step, around, corners, self.winSize, self.blockStride
@@ -179,16 +179,18 @@ class HOGDescriptor(Parameters):
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         threshold = arguments.number("hitThreshold", hitThreshold, 0)
-        checked = self._arguments(img, winStride, padding, "searchLocations", searchLocations)
+        checked = self._check_arguments(img, winStride, padding, "searchLocations", searchLocations)
         if not len(self._detector):
             return (), ()
-        places, weights = self._hits(*placed(*checked), threshold)
+        places, weights = self._find_hits(*place_windows(*checked), threshold)
         return (places.astype(np.int32), weights) if len(places) else ((), ())
 
-    def _hits(self, padded: Padded, corners: NDArray[np.int64], threshold: float) -> tuple[NDArray[np.int64], Weights]:
+    def _find_hits(
+        self, padded: Padded, corners: NDArray[np.int64], threshold: float
+    ) -> tuple[NDArray[np.int64], Weights]:
         """Corners in pixels of the image, and scores."""
         corners = corners[padded.inside(corners, self.winSize)]
-        weights = scores(padded, corners, self._scheme, np.asarray(self._detector))
+        weights = score_windows(padded, corners, self._scheme, np.asarray(self._detector))
         hits = weights >= threshold
         return corners[hits] - padded.before, weights[hits]
 
@@ -233,22 +235,22 @@ class HOGDescriptor(Parameters):
         if not len(self._detector):
             return (), ()
         size = pixels.shape[1], pixels.shape[0]
-        scales = levels(size, self.winSize, factor, self.nlevels)
+        scales = pyramid_scales(size, self.winSize, factor, self.nlevels)
 
         def level(k: int) -> tuple[Rectangles, Weights]:
-            smaller = resized(pixels, (round(size[0] / scales[k]), round(size[1] / scales[k])))
-            padded, corners = placed(smaller, step, around, None, self.winSize, self.blockStride)
-            places, weights = self._hits(padded, corners, threshold)
+            smaller = resize(pixels, (round(size[0] / scales[k]), round(size[1] / scales[k])))
+            padded, corners = place_windows(smaller, step, around, None, self.winSize, self.blockStride)
+            places, weights = self._find_hits(padded, corners, threshold)
             sides = np.broadcast_to(self.winSize, places.shape)
             return np.rint(np.hstack([places, sides]) * scales[k]).astype(np.int32), weights
 
         found = in_threads(level, len(scales))
-        rectangles, weights = (np.concatenate(each) for each in zip(*found, strict=True))
+        rectangles, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
         if not len(rectangles):
             return (), ()
         if mean_shift:
-            of_hits = np.repeat(scales, [len(each) for each, _ in found])
-            rectangles, weights = group_by_mean_shift(rectangles, weights, of_hits, group, self.winSize)
+            hit_scales = np.repeat(scales, [len(hits) for hits, _ in found])
+            rectangles, weights = group_by_mean_shift(rectangles, weights, hit_scales, group, self.winSize)
         else:
             rectangles, weights = group_rectangles(rectangles, weights, int(group))
         rectangles, weights = clip(rectangles, weights, size)

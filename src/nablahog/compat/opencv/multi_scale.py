@@ -27,7 +27,7 @@ _EPSILON = 0.2  # differences of similar rectangles, as a share of their sides
 _KERNEL = np.array([8.0, 16.0, math.log(1.3)])  # of the mean shift: pixels at scale 1, and the logarithm of a scale
 
 
-def _axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _interpolate_axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """The pixels to interpolate from, and the weights of those after them in 1/256."""
     inverse = 1 / (resized / pixels)  # as OpenCV rounds it
     position = inverse * (np.arange(resized) + 0.5) - 0.5
@@ -37,7 +37,7 @@ def _axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDArray[np.int3
     return np.clip(before, 0, pixels - 1).astype(np.int32), weight.astype(np.int32)
 
 
-def levels(size: Size, window: Size, scale: float, most: int) -> list[float]:
+def pyramid_scales(size: Size, window: Size, scale: float, most: int) -> list[float]:
     """Factors by which an image of (width, height) is shrunk: 1 first, then further ones while a window fits."""
     scales = [1.0]
     while scale > 1 and len(scales) < most:
@@ -48,12 +48,12 @@ def levels(size: Size, window: Size, scale: float, most: int) -> list[float]:
     return scales
 
 
-def resized(image: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
+def resize(image: NDArray[np.uint8], size: Size) -> NDArray[np.uint8]:
     """An image (rows, columns, channels), contiguous, at (width, height)."""
     height, width, channels = image.shape
     if size == (width, height):
         return image
-    (left, right_weight), (upper, lower_weight) = _axis(width, size[0]), _axis(height, size[1])
+    (left, right_weight), (upper, lower_weight) = _interpolate_axis(width, size[0]), _interpolate_axis(height, size[1])
     if native.available():
         out = np.empty((size[1], size[0], channels), np.uint8)
         _resize(image, width, channels, size[1], upper, lower_weight, size[0], left, right_weight, out)
@@ -69,7 +69,7 @@ Rectangles: TypeAlias = NDArray[np.int32]
 Weights: TypeAlias = NDArray[np.float64]
 
 
-def _classes(rectangles: Rectangles) -> NDArray[np.int64]:
+def _classify(rectangles: Rectangles) -> NDArray[np.int64]:
     """The class of each rectangle: similar ones, and those similar to these; numbered by their first members."""
     x, y, width, height = rectangles.T.astype(np.float64)
     edges = np.stack([x, y, x + width, y + height])
@@ -96,15 +96,15 @@ def group_rectangles(rectangles: Rectangles, weights: Weights, threshold: int) -
     """
     if threshold <= 0 or not len(rectangles):
         return rectangles, weights
-    labels = _classes(rectangles)
+    labels = _classify(rectangles)
     members = np.bincount(labels)
     sums = np.stack([np.bincount(labels, side) for side in rectangles.T], axis=1)
     means = np.rint(sums * (1 / members)[:, None]).astype(np.int32)
     largest = np.full(len(members), -np.inf)
     np.maximum.at(largest, labels, weights)
     many = members > threshold
-    kept = [k for k in np.flatnonzero(many).tolist() if not _inside_another(k, means, members, many)]
-    return means[kept], largest[kept]
+    outer = [k for k in np.flatnonzero(many).tolist() if not _inside_another(k, means, members, many)]
+    return means[outer], largest[outer]
 
 
 def _inside_another(k: int, means: Rectangles, members: NDArray[np.int64], many: NDArray[np.bool_]) -> bool:
@@ -127,20 +127,20 @@ def group_by_mean_shift(
     x, y, width, height = rectangles.T.astype(np.float64)
     centres = np.rint(x + width / 2), np.rint(y + height / 2)  # halves to even, as OpenCV's points of integers
     hits = np.stack([*centres, np.log(scales)], axis=1)
-    kernels = _kernels(hits[:, 2])
+    kernels = _kernel_widths(hits[:, 2])
     heights = weights / np.sqrt(kernels.sum(axis=1))
     modes: list[NDArray[np.float64]] = []
     for hit in hits:
-        mode = _climb(_shifted(hit, hits, kernels, heights), hits, kernels, heights)
+        mode = _climb(_shift(hit, hits, kernels, heights), hits, kernels, heights)
         if not any(_distance(mode, other) < 1 for other in modes):
             modes.append(mode)
     found = [_density(mode, hits, kernels, heights) for mode in modes]
-    kept = [k for k, density in enumerate(found) if density > threshold]
-    boxes = np.array([_box(modes[k], window) for k in kept], np.int32).reshape(-1, 4)
-    return boxes, np.array([found[k] for k in kept], np.float64)
+    dense = [k for k, density in enumerate(found) if density > threshold]
+    boxes = np.array([_box(modes[k], window) for k in dense], np.int32).reshape(-1, 4)
+    return boxes, np.array([found[k] for k in dense], np.float64)
 
 
-def _kernels(log_scales: NDArray[np.float64]) -> NDArray[np.float64]:
+def _kernel_widths(log_scales: NDArray[np.float64]) -> NDArray[np.float64]:
     """Widths of kernels (…, 3) at logarithms of scales."""
     at = np.exp(log_scales)
     return np.stack([_KERNEL[0] * at, _KERNEL[1] * at, np.full_like(at, _KERNEL[2])], axis=-1)
@@ -152,7 +152,7 @@ def _density(
     return float(np.sum(heights * np.exp(-np.square((hits - point) / kernels).sum(axis=1) / 2)))
 
 
-def _shifted(
+def _shift(
     point: NDArray[np.float64], hits: NDArray[np.float64], kernels: NDArray[np.float64], heights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """One step of the mean shift."""
@@ -167,7 +167,7 @@ def _climb(
     point: NDArray[np.float64], hits: NDArray[np.float64], kernels: NDArray[np.float64], heights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     for _ in range(100):
-        before, point = point, _shifted(point, hits, kernels, heights)
+        before, point = point, _shift(point, hits, kernels, heights)
         if _distance(point, before) <= 1e-5:
             break
     return point
@@ -175,7 +175,7 @@ def _climb(
 
 def _distance(point: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Squared distance, in widths of kernels at the other's scale."""
-    return float(np.square((other - point) / _kernels(other[2])).sum())
+    return float(np.square((other - point) / _kernel_widths(other[2])).sum())
 
 
 def _box(mode: NDArray[np.float64], window: Size) -> tuple[int, int, int, int]:
@@ -189,5 +189,5 @@ def clip(rectangles: Rectangles, weights: Weights, size: Size) -> tuple[Rectangl
     """Rectangles cut off at the border of an image of (width, height), without those outside it."""
     corner = np.maximum(rectangles[:, :2], 0)
     sides = np.minimum(rectangles[:, :2] + rectangles[:, 2:], size) - corner
-    kept = (sides > 0).all(axis=1)
-    return np.hstack([corner, sides])[kept].astype(np.int32), weights[kept]
+    visible = (sides > 0).all(axis=1)
+    return np.hstack([corner, sides])[visible].astype(np.int32), weights[visible]

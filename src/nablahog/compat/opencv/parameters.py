@@ -17,7 +17,7 @@ from ...io.input_file import InputFile
 from . import arguments, storage
 from .arguments import Size
 from .storage import people_detector
-from .windows import Scheme, scheme
+from .windows import Scheme, make_scheme
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -111,7 +111,7 @@ class Parameters:
 
     @cached_property
     def _scheme(self) -> Scheme:
-        return scheme(self.winSize, self.spec)
+        return make_scheme(self.winSize, self.spec)
 
     @property
     def svmDetector(self) -> NDArray[np.float32] | tuple[()]:

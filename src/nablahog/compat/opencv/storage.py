@@ -69,7 +69,7 @@ def read(path: Readable, name: str) -> Node:
     file = input_file(path)
     file.check("a FileStorage of a HOGDescriptor")
     try:
-        nodes = _nodes(_text(file))
+        nodes = _read_nodes(_read_text(file))
     except (ValueError, ElementTree.ParseError, RecursionError) as error:
         raise ValueError(f"{file}: expected a FileStorage of OpenCV: {one_line(error)}") from None
     node = nodes.get(name) if name else next(iter(nodes.values()), None)
@@ -80,7 +80,7 @@ def read(path: Readable, name: str) -> Node:
 
 def integers(node: Node, name: str) -> tuple[int, ...]:
     """One integer, or a sequence of them; ValueError for anything else."""
-    values = _values(node, name)
+    values = _read_values(node, name)
     if not np.array_equal(values, np.rint(values)) or np.abs(values).max(initial=0) > 1e9:
         raise ValueError(f"{name} must be integers, got {one_line(node[name])}")
     return tuple(int(value) for value in values)
@@ -88,19 +88,19 @@ def integers(node: Node, name: str) -> tuple[int, ...]:
 
 def floats(node: Node, name: str) -> tuple[float, ...]:
     """One number, or a sequence of them; ValueError for anything else."""
-    return tuple(_values(node, name).tolist())
+    return tuple(_read_values(node, name).tolist())
 
 
-def _values(node: Node, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _read_values(node: Node, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     value = node.get(name, "")
     with suppress(OverflowError, ValueError):
-        words = _words(value) if isinstance(value, str) else value if isinstance(value, list) else [value]
+        words = _split_numbers(value) if isinstance(value, str) else value if isinstance(value, list) else [value]
         if words and all(isinstance(word, float | int) or isinstance(value, str) for word in words):
             return np.array([float(word) for word in words], np.float64)
     raise ValueError(f"{name} must be numbers, got {one_line(value) or 'nothing'}")
 
 
-def _words(text: str) -> list[str]:
+def _split_numbers(text: str) -> list[str]:
     """The numbers of a text, as Python writes them."""
     if not text.isascii() or "_" in text:
         raise ValueError  # which Python allows in numbers
@@ -110,7 +110,7 @@ def _words(text: str) -> list[str]:
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def _text(file: InputFile) -> str:
+def _read_text(file: InputFile) -> str:
     data = file.read(MAX_BYTES + 1)
     if data[:2] == b"\x1f\x8b":
         try:
@@ -122,7 +122,7 @@ def _text(file: InputFile) -> str:
     return data.decode().lstrip("\ufeff \t\r\n")  # UnicodeDecodeError is a ValueError
 
 
-def _nodes(text: str) -> dict[str, Any]:
+def _read_nodes(text: str) -> dict[str, Any]:
     if text.startswith("{"):
         nodes = json.loads(text)
         return nodes if isinstance(nodes, dict) else {}
@@ -135,10 +135,10 @@ def _nodes(text: str) -> dict[str, Any]:
         return {node.tag: {entry.tag: entry.text or "" for entry in node} for node in root}
     if not text.startswith(("%YAML", "---")):
         raise ValueError(f"it begins with {one_line(text[:20])!r}")
-    return dict(_yaml_nodes(text))
+    return dict(_read_yaml(text))
 
 
-def _yaml_nodes(text: str) -> Iterator[tuple[str, dict[str, str]]]:
+def _read_yaml(text: str) -> Iterator[tuple[str, dict[str, str]]]:
     """The maps of a document: lines that are not indented begin them."""
     for part in re.split(r"\n(?=[^\s#.\-%])", text.replace("\r", ""))[1:]:
         name, _, content = part.partition(":")
@@ -151,7 +151,7 @@ def _yaml_nodes(text: str) -> Iterator[tuple[str, dict[str, str]]]:
 # --- writing ---------------------------------------------------------------------------------------------------------
 
 
-def _number(value: object, dot: str) -> str:
+def _format_number(value: object, dot: str) -> str:
     if isinstance(value, int):
         return str(value)
     text = f"{value:.9g}" if isinstance(value, np.float32) else f"{value:.17g}"
@@ -160,38 +160,40 @@ def _number(value: object, dot: str) -> str:
     return {"nan": ".Nan", "inf": ".Inf", "-inf": "-.Inf"}.get(text, text)
 
 
-def _sequence(value: object, dot: str, between: str, indent: str) -> str:
-    words = [_number(each, dot) for each in value]  # type: ignore[attr-defined]
+def _format_sequence(value: object, dot: str, between: str, indent: str) -> str:
+    words = [_format_number(number, dot) for number in value]  # type: ignore[attr-defined]
     return textwrap.fill(between.join(words), 76, subsequent_indent=indent, break_on_hyphens=False)
 
 
-def _entries(node: Mapping[str, object], entry: str, several: str, dot: str, between: str, indent: int) -> list[str]:
+def _format_entries(
+    node: Mapping[str, object], entry: str, several: str, dot: str, between: str, indent: int
+) -> list[str]:
     """A line for each entry; where it is several numbers, these begin lines with an indent."""
     return [
         entry.format(
             key,
-            several.format(_sequence(value, dot, between, indent * " "))
+            several.format(_format_sequence(value, dot, between, indent * " "))
             if isinstance(value, tuple | np.ndarray)
-            else _number(value, dot),
+            else _format_number(value, dot),
         )
         for key, value in node.items()
     ]
 
 
 def _yaml(name: str, node: Mapping[str, object]) -> str:
-    entries = _entries(node, "   {}: {}", "[ {} ]", ".", ", ", 7)
+    entries = _format_entries(node, "   {}: {}", "[ {} ]", ".", ", ", 7)
     return "\n".join([f"%YAML:1.0\n---\n{name}: !!{_TYPE}", *entries]) + "\n"
 
 
 def _xml(name: str, node: Mapping[str, object]) -> str:
     head = f'<?xml version="1.0"?>\n<opencv_storage>\n<{name} type_id="{_TYPE}">'
-    entries = _entries(node, "  <{0}>{1}</{0}>", "\n    {}", ".", " ", 4)
+    entries = _format_entries(node, "  <{0}>{1}</{0}>", "\n    {}", ".", " ", 4)
     return "\n".join([head, *entries]) + f"</{name}>\n</opencv_storage>\n"
 
 
 def _json(name: str, node: Mapping[str, object]) -> str:
     head = f'{{\n    "{name}": {{\n        "type_id": "{_TYPE}"'
-    return ",\n".join([head, *_entries(node, '        "{}": {}', "[ {} ]", ".0", ", ", 12)]) + "\n    }\n}\n"
+    return ",\n".join([head, *_format_entries(node, '        "{}": {}', "[ {} ]", ".0", ", ", 12)]) + "\n    }\n}\n"
 
 
 _FORMATS = {".xml": _xml, ".json": _json}

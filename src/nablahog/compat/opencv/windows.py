@@ -91,7 +91,7 @@ class Scheme(NamedTuple):
         return self.rows * self.cols * self.spec.channels
 
 
-def scheme(window: Size, spec: HOGSpec) -> Scheme:
+def make_scheme(window: Size, spec: HOGSpec) -> Scheme:
     """The scheme for windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
     assert isinstance(spec.pooling, BlockCells)
     assert isinstance(spec.normalizer, BlockNorm)
@@ -135,7 +135,9 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
     return np.take_along_axis(both, winner[None, ..., None], axis=3)[..., 0]
 
 
-def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+def _plain_gradient_votes(
+    padded: Padded, spec: HOGSpec
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
     """Both votes of all pixels and the bins of the first; those of the second are the next ones.  All (rows, cols)."""
     gx, gy = _gradients(padded, spec)
     position = opencv_angle(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
@@ -145,10 +147,10 @@ def _plain_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], ND
 
 
 def _plain_descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
-    """:func:`descriptors` in PyTorch: blocks from one pixel on serve all windows that are whole strides from it."""
+    """:func:`describe_windows` in PyTorch: blocks from one pixel on serve all windows whole strides from it."""
     spec, rows, cols = scheme.spec, scheme.rows, scheme.cols
     assert isinstance(spec.pooling, BlockCells)
-    near, far, bins = (torch.from_numpy(each)[None, None] for each in _plain_votes(padded, spec))
+    near, far, bins = (torch.from_numpy(plane)[None, None] for plane in _plain_gradient_votes(padded, spec))
     histograms = torch.zeros(1, spec.bins, *bins.shape[2:]).scatter_(1, bins, near)
     histograms.scatter_add_(1, (bins + 1) % spec.bins, far)
     strides, stride = corners[:, ::-1] // spec.pooling.step, corners[:, ::-1] % spec.pooling.step
@@ -171,7 +173,7 @@ _descriptors = native.function("opencv_descriptors", *_windows, _floats)
 _scores = native.function("opencv_scores", *_windows, _floats, _floats)
 
 
-def placed(
+def place_windows(
     image: NDArray[np.uint8],
     step: Size,
     padding: Size,
@@ -201,7 +203,7 @@ def placed(
     return padded, corners.reshape(-1, 2)
 
 
-def descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
+def describe_windows(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
     """Descriptors (windows, numbers) of windows in the padded image."""
     if not native.available():
         return _plain_descriptors(padded, corners, scheme)
@@ -210,7 +212,7 @@ def descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> N
     return out
 
 
-def scores(
+def score_windows(
     padded: Padded, corners: NDArray[np.int64], scheme: Scheme, coefficients: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Dot products (windows,) of descriptors with a linear detector; its bias, if it has one, comes last."""
@@ -220,15 +222,15 @@ def scores(
         dialect = scheme.constants, scheme.by_col, scheme.by_row
         _scores(padded, *dialect, corners, len(corners), weights, products)
     else:
-        products[:] = descriptors(padded, corners, scheme) @ weights
+        products[:] = describe_windows(padded, corners, scheme) @ weights
     return products.astype(np.float64) + bias
 
 
-def gradients(padded: Padded, scheme: Scheme) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def gradient_votes(padded: Padded, scheme: Scheme) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Votes (rows, cols, 2) of all pixels, and the two bins that they go to."""
     if native.available():
         near, far, bins = (np.empty(padded.size[::-1], dtype) for dtype in (np.float32, np.float32, np.int32))
         _votes(padded, scheme.constants, near, far, bins)
     else:
-        near, far, bins = _plain_votes(padded, scheme.spec)
+        near, far, bins = _plain_gradient_votes(padded, scheme.spec)
     return np.stack([near, far], axis=2), np.stack([bins, (bins + 1) % scheme.spec.bins], axis=2).astype(np.uint8)
