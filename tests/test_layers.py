@@ -57,11 +57,11 @@ def room(module: Path) -> str:
 
 def arrows() -> Iterator[Arrow]:
     """All imports of modules of the package by modules of the package."""
-    for file in sorted(PACKAGE.rglob("*.py")):
+    for file in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.pyi")]):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom | ast.Import):
                 for target in targets(node, file):
-                    yield Arrow(file.relative_to(PACKAGE), node.lineno, target.relative_to(PACKAGE))
+                    yield Arrow(file.with_suffix(".py").relative_to(PACKAGE), node.lineno, target.relative_to(PACKAGE))
 
 
 def targets(node: ast.ImportFrom | ast.Import, file: Path) -> Iterator[Path]:

@@ -18,7 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from .runtime.lazy import names_when_used
+__all__ = [
+    "azimuth_error",
+    "cross_correlation",
+    "mutual_information",
+    "near_view",
+    "psnr",
+    "rotation_error",
+    "same_view",
+    "ssim",
+    "view",
+]
 
 Image: TypeAlias = Tensor | ArrayLike
 BINS = 256
@@ -311,4 +321,5 @@ def _finite(angle: ArrayLike) -> NDArray[np.float64]:
     return values
 
 
-names_when_used(__name__)  # for dir() and wrong names
+def __dir__() -> list[str]:
+    return __all__

@@ -8,7 +8,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from ..hog import HOGSpec
-from ..hog.presets import BY_NAME
+from ..hog.dialects import BY_NAME
 from ..invert.histograms import searchable
 from ..paper.learned import shipped_files
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of

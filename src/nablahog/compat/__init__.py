@@ -1,8 +1,5 @@
 """Replacements for the HOGs of other libraries, with their names, arguments and results."""
 
-from ..runtime.lazy import names_when_used
-from . import opencv, skimage
+from ..runtime.stubs import attach
 
-__all__ = ["opencv", "skimage"]
-
-names_when_used(__name__)  # for dir() and wrong names
+__getattr__, __dir__, __all__ = attach(__name__)

@@ -16,7 +16,8 @@ from ..hog.gradient import gradient
 from ..hog.normalizers import BlockForm
 from ..hog.orientation import magnitude
 from ..runtime.extras import extra
-from ..runtime.lazy import names_when_used
+
+__all__ = ["hog"]
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
@@ -272,4 +273,5 @@ def _strokes(
     return np.concatenate(pixels), np.concatenate(drawn)
 
 
-names_when_used(__name__)  # for dir() and wrong names
+def __dir__() -> list[str]:
+    return __all__

@@ -10,9 +10,10 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from ..hog.descriptor import hog
-from ..hog.presets import as_spec
+from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..runtime.lazy import names_when_used
+
+__all__ = ["HOGTransformer"]
 
 
 class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
@@ -93,4 +94,5 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         return tags
 
 
-names_when_used(__name__)  # for dir() and wrong names
+def __dir__() -> list[str]:
+    return __all__

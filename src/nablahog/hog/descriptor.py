@@ -13,10 +13,10 @@ from ..runtime.pytorch import load_forward_mode
 from . import kernels
 from . import triton as gpu
 from .checks import check_choice
+from .dialects import as_spec
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
 from .inputs import WHITE, ArrayImage, image_batch, to_array, warn_about_range
 from .layout import to_layout
-from .presets import as_spec
 from .spec import COLOURS, HOGSpec
 from .steps import histograms_reference, merge_colours, normalize_reference, separate_colours, spread_nan
 

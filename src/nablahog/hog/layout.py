@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from torch import Tensor
 
+from .dialects import as_spec
 from .inputs import Descriptors, descriptor_tensor, to_array
 from .orientation import bin_angles
-from .presets import as_spec
 from .spec import COLOURS, HOGSpec
 
 PATCH = 2  # cells of the side of a transformer's patch

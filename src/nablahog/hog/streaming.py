@@ -14,9 +14,9 @@ from torch import Tensor
 
 from ..runtime.text import what_came
 from .descriptor import histograms, normalize
+from .dialects import as_spec
 from .inputs import is_pil, pil_pixels
 from .kernels.loops import add_energy
-from .presets import as_spec
 from .spec import HOGSpec
 from .steps import spread_nan
 from .strips import Strip, Strips

@@ -14,8 +14,9 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import hog
+from ..hog.dialects import as_spec
 from ..hog.inputs import ArrayImage, Descriptors
-from ..hog.presets import as_spec, uoctti
+from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (

@@ -9,12 +9,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeAlias
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from typing_extensions import TypeVar
 
 from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors, to_array
@@ -24,7 +23,12 @@ from ..optimize import History, StopReason
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 SHOWN = 4  # images of a batch, in a notebook and with their distances
 
-Values = TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
+if TYPE_CHECKING:  # checkers know the package, which need not be installed: `typing` has defaults from Python 3.13 on
+    import typing_extensions
+
+    Values = typing_extensions.TypeVar("Values", Tensor, NDArray[Any], default=Tensor)
+else:
+    Values = TypeVar("Values", Tensor, NDArray[Any])
 
 
 @dataclass(frozen=True, repr=False)

@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import histograms, normalize
+from ..hog.dialects import as_spec
 from ..hog.gradient import gray
-from ..hog.presets import as_spec, aubry
+from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .options import ORDER

@@ -1,1 +1,1 @@
-"""Threads, memory, caches, lazy imports; knows nothing of HOG."""
+"""Threads, memory, caches, names that are loaded when used; knows nothing of HOG."""

@@ -1,0 +1,1 @@
+from . import opencv as opencv, skimage as skimage
