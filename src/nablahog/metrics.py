@@ -188,6 +188,10 @@ def psnr(a: Image, b: Image) -> float:
     return 10 * math.log10(1 / error) if error > 0 else math.inf
 
 
+MEASURES = {"CC": cross_correlation, "MI": mutual_information, "SSIM": ssim, "PSNR": psnr}
+"""Measures of an image and its reference, by the names of :data:`DEFINITIONS`."""
+
+
 def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     """Angle between two azimuths.
 

@@ -19,8 +19,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
 from nablahog.app.access import AccessRules
-from nablahog.app.command import listen
-from nablahog.app.server import make_app
+from nablahog.app.server import listen, make_app
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = shutil.which("chromedriver")

@@ -17,10 +17,10 @@ from PIL import Image
 
 from nablahog import HOGSpec, presets
 from nablahog.cli.commands import invert
-from nablahog.cli.inputs.sources import Source
 from nablahog.cli.main import main
 from nablahog.cli.results import inversion
 from nablahog.io.descriptor_file import load_descriptor
+from nablahog.requests.sources import Source
 
 from .common import CHELSEA, FAST, names
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import scipy.spatial  # noqa: F401  else the first that needs it pays for it
 
 from nablahog import HOGSpec
-from nablahog.cli.inputs.templates import read_templates
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import is_raw
 from nablahog.io.descriptor_file import load_descriptor
@@ -30,6 +29,7 @@ from nablahog.pose.whitening import Background
 from nablahog.render import load_mesh
 from nablahog.requests.arrays import read_stored
 from nablahog.requests.inversion import GlyphRequest
+from nablahog.requests.templates import read_templates
 
 SPARE = 3 * 2**30  # bytes of addresses beyond those at the start: above any limit, and the machine survives
 PATIENCE = 30.0  # seconds on the clock, after which a reader waits for something that never comes

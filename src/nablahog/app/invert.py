@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from .. import metrics
-from ..cli.results.inversion import MEASURES, SURE
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import Iterate, Reconstruction, reconstruct
@@ -19,7 +18,7 @@ from ..invert.arguments import quality_of
 from ..invert.histograms import recover_histograms, searchable, starting_images
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
-from ..requests.inversion import NO_PRIOR, InvertRequest
+from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from .lines import for_inversion
 from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, encoded, png
 from .see import requested_descriptor
@@ -67,7 +66,7 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
             **{name.lower(): value for name, value in _measures(image, reference).items()},
             "distance": float(result.distance[0]),
             "polarity": polarity,
-            "negative": encoded(png(1 - image)) if polarity is not None and polarity < SURE else None,
+            "negative": encoded(png(1 - image)) if polarity is not None and polarity < SURE_POLARITY else None,
             "evaluations": int(result.evaluations[0]),
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
@@ -156,11 +155,11 @@ class _Watch:
 
 
 def _measures(
-    image: Tensor, reference: Tensor | None, names: tuple[str, ...] = tuple(MEASURES)
+    image: Tensor, reference: Tensor | None, names: tuple[str, ...] = tuple(metrics.MEASURES)
 ) -> dict[str, float | None]:
     if reference is None:
         return dict.fromkeys(names)
-    figures = {name: MEASURES[name](image, reference) for name in names}
+    figures = {name: metrics.MEASURES[name](image, reference) for name in names}
     return {name: round(value, 5) if math.isfinite(value) else None for name, value in figures.items()}
 
 

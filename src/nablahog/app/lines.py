@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cli.inputs.sources import Source
 from ..io.descriptor_file import find_layout
 from ..requests.inversion import GlyphRequest, HogRequest, InvertRequest
 from ..requests.options import keywords, words
 from ..requests.pose import PoseRequest
+from ..requests.sources import Source
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from ..cli.inputs.sources import from_photo
 from ..hog import HOGSpec
 from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..requests.dialect import as_text
+from ..requests.sources import from_photo
 from ..viz.pictures import edge_votes
 from .lines import for_glyphs, for_hog
 from .messages import HogMessage, InvertMessage, RequestError, as_request_error, glyphs

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import secrets
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
@@ -262,3 +264,16 @@ def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Star
     app.add_middleware(AccessMiddleware, rules=rules)
     app.state.server = server
     return app
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens; the connections that it accepts send at once."""
+    try:
+        made = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0]  # Python repeats the address
+        free = "; --port 0 takes a free one" if error.errno == errno.EADDRINUSE else ""
+        raise ValueError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
+    # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return made

@@ -17,8 +17,6 @@ from typing import Any, TypeVar
 from PIL import Image
 from torch import Tensor
 
-from ..cli.inputs.sources import Source
-from ..cli.inputs.templates import read_templates
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
@@ -29,6 +27,8 @@ from ..render import Mesh, load_mesh
 from ..requests.arrays import read_stored
 from ..requests.inversion import GlyphRequest
 from ..requests.kinds import SIZE
+from ..requests.sources import Source
+from ..requests.templates import read_templates
 from . import lines
 from .lines import Reading
 from .messages import GONE, SEE_SIZE, RequestError, as_request_error, from_json

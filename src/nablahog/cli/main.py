@@ -31,7 +31,7 @@ _COMMANDS = {
     "table2": ".commands.tables",
     "pose": ".commands.pose",
     **{f"learn {kind}": ".commands.learn" for kind in KINDS},
-    "app": "..app.command",
+    "app": ".commands.app",
 }
 """The module of each command, imported when it is run, as most import PyTorch; it has a function of its name."""
 

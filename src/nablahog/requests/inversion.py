@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 LONGER_SIDE = 256  # pixels: the pre-image of such a photograph takes seconds
 MOST_SAMPLES = 64
+SURE_POLARITY = 0.8  # confidence below which the negative of an image is shown, too
 DEFAULT, NO_PRIOR = "default", "none"
 _EXCLUDED = {
     "template": ("quality fast", "method paper", "prior", "samples"),

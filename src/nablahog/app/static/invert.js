@@ -12,8 +12,6 @@ import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 import { wipe } from "./wipe.js";
 
-const SURE = 0.8;
-
 export class Invert {
   #options;
   #start = element("invert-start", HTMLButtonElement);
@@ -214,15 +212,14 @@ export class Invert {
     this.#figures([["Distance", figure(done.distance)], ["CC", figure(done.cc)], ["SSIM", figure(done.ssim)],
       ["MI", figure(done.mi)], ["PSNR", done.psnr === null ? "–" : `${figure(done.psnr, 1)} dB`],
       ["Evaluations", String(done.evaluations)], ["Seconds", figure(done.seconds, 1)], ["Stopped because", done.stop_reason]]);
-    const unsure = done.polarity !== null && done.polarity < SURE;
     const known = done.cc === null ? "" : ` CC ${figure(done.cc)}, SSIM ${figure(done.ssim)}.`;
-    element("invert-said", HTMLElement).textContent = `Done: distance ${figure(done.distance)}.${known}` + (unsure
+    element("invert-said", HTMLElement).textContent = `Done: distance ${figure(done.distance)}.${known}` + (done.negative
       ? ` The descriptor hardly says what is dark and what is bright (confidence ${figure(done.polarity, 2)}): the negative fits almost as well.`
       : "");
     const negative = element("negative", HTMLElement);
-    negative.hidden = !unsure || !done.negative;
+    negative.hidden = !done.negative;
     negative.replaceChildren();
-    if (unsure && done.negative) {
+    if (done.negative) {
       negative.append(make("img", { src: addressOf(done.negative), alt: "The negative of the pre-image" }),
         make("figcaption", {}, "The negative"));
     }

@@ -15,7 +15,7 @@ from ...io.files import output_folder, write_text
 from ...io.images import limit_size, sample_photograph, write_image
 from ...requests.dialect import PRESETS
 from ...requests.inversion import InvertRequest
-from ..inputs.sources import from_photo
+from ...requests.sources import from_photo
 from ..results import inversion_page
 from ..results.inversion import Inversion, invert_batch
 from ..terminal import counter, print_table, say_page

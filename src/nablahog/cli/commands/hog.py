@@ -21,12 +21,13 @@ from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
 from ...requests.inversion import GlyphRequest, HogRequest
+from ...requests.sources import Source
 from ...runtime.extras import extra
 from ...runtime.text import counted, decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import request_of
 from ..errors import SOME_SKIPPED, forbid_overwrite
-from ..inputs.sources import DATASET, Inputs, Source, expand, read_inputs
+from ..inputs import DATASET, Inputs, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
 
 if TYPE_CHECKING:

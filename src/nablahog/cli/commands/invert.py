@@ -19,11 +19,11 @@ from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
 from ...requests.inversion import GlyphRequest, InvertRequest
 from ...requests.options import changed
+from ...requests.sources import Source
 from ...runtime.cache import code_key
 from ..arguments.options import request_of
 from ..errors import Skipping, forbid_overwrite
-from ..inputs.sources import Source, read_inputs
-from ..inputs.templates import read_template_inputs
+from ..inputs import read_inputs, read_template_inputs
 from ..results import inversion_page
 from ..results.inversion import (
     PICTURES,

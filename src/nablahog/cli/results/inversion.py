@@ -14,24 +14,17 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from ... import metrics
 from ...invert import AsPublished, reconstruct, reconstruct_samples
 from ...invert.learned import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
-from ...requests.inversion import InvertRequest
+from ...metrics import MEASURES
+from ...requests.inversion import SURE_POLARITY, InvertRequest
+from ...requests.sources import Source
 from ...viz.pictures import Panel, contact_sheet, difference, glyphs
-from ..inputs.sources import Source
 from ..terminal import inform
 
-MEASURES = {
-    "CC": metrics.cross_correlation,
-    "MI": metrics.mutual_information,
-    "SSIM": metrics.ssim,
-    "PSNR": metrics.psnr,
-}
 PICTURES = ("preimage", "glyphs", "thumbnails", "iterations", "samples")
-SURE = 0.8  # confidence in the polarity, below which the negative is shown, too
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
@@ -95,7 +88,7 @@ class Inversion:
     @property
     def unsure(self) -> bool:
         """Whether the pre-image may as well be a negative."""
-        return self.polarity is not None and self.polarity < SURE
+        return self.polarity is not None and self.polarity < SURE_POLARITY
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""

@@ -17,7 +17,7 @@ from nablahog import presets
 from nablahog.cli.main import main
 from nablahog.io.images import read_image
 
-from ..common import CHELSEA
+from .common import CHELSEA
 
 SPEC = presets.vlfeat()
 

@@ -1,9 +1,8 @@
-"""The option ``--template``: weights of linear detectors, in DPM models and arrays."""
+"""Weights of linear detectors, in DPM models, files of OpenCV and arrays."""
 
 from __future__ import annotations
 
 import math
-from argparse import Namespace
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,43 +10,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...hog import HOGSpec, presets
-from ...hog.layout import from_layout
-from ...invert import template_descriptor
-from ...io.arrays import is_raw, naming, read_array
-from ...io.descriptor_file import FittedLayout
-from ...io.dpm_file import is_dpm_file, load_dpm
-from ...io.input_file import InputFile, Readable, input_file
-from ...requests.arrays import fit_array, suggesting
-from ...requests.inversion import GlyphRequest
-from .sources import Inputs, Source, expand, read_each
+from ..hog import HOGSpec, presets
+from ..hog.layout import from_layout
+from ..io.arrays import is_raw, naming, read_array
+from ..io.descriptor_file import FittedLayout
+from ..io.dpm_file import is_dpm_file, load_dpm
+from ..io.input_file import InputFile, Readable, input_file
+from .arrays import fit_array, suggesting
+from .inversion import GlyphRequest
+from .sources import Source
 
 # width x height of the windows of OpenCV's people detectors, by the number of their weights
 OPENCV_WINDOWS = {3780: "64x128", 1980: "48x96"}
 OPENCV_ENDINGS = (".yml", ".yaml", ".xml", ".json")  # of what cv2.HOGDescriptor.save writes, perhaps with .gz
-SIGNS = {"positive": 1, "negative": -1}
-
-
-def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:
-    """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives."""
-    expanded = expand(arguments.inputs, arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
-
-    def read(file: InputFile, stem: str) -> list[Source]:
-        return [
-            _signed(template, f"{stem}_{number}" if template.part else stem, sign)
-            for number, template in enumerate(read_templates(file, request), start=1)
-            for sign in SIGNS
-        ]
-
-    return replace(expanded, many=True, sources=read_each(expanded, read))
-
-
-def _signed(template: Source, stem: str, sign: str) -> Source:
-    """Raises ValueError if the template has no weights of this sign."""
-    weights = SIGNS[sign] * template.descriptor
-    template_descriptor(weights[None], template.spec, template.image_size)
-    part = f"{template.part}, {sign} weights" if template.part else f"{sign} weights"
-    return replace(template, stem=f"{stem}_{sign}", descriptor=weights, part=part)
 
 
 def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
@@ -79,7 +54,7 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
 
 
 def _from_opencv(file: InputFile) -> Source:
-    from ...compat.opencv import HOGDescriptor
+    from ..compat.opencv import HOGDescriptor
 
     hog = HOGDescriptor()
     hog.load(file)

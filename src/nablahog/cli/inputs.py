@@ -8,36 +8,31 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import torch
-from torch import Tensor
-
-from ...hog import HOGSpec
-from ...hog.descriptor import describe
-from ...hog.gradient import gray
-from ...io.arrays import is_archive, is_raw, naming
-from ...io.descriptor_file import StoredDescriptor, load_descriptor
-from ...io.dpm_file import is_dpm_file
-from ...io.files import distinct_stems, local_name, natural_order
-from ...io.images import image_endings, limit_size, longer_side, read_image
-from ...io.input_file import InputFile
-from ...io.pixels import MAX_BYTES
-from ...requests.arrays import read_stored
-from ...requests.dialect import Dialect
-from ...requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
-from ...runtime.extras import extra
-from ...runtime.text import unicode_of
-from ..errors import Skipping
-from ..terminal import inform
+from ..invert import template_descriptor
+from ..io.arrays import is_archive, is_raw, naming
+from ..io.descriptor_file import load_descriptor
+from ..io.dpm_file import is_dpm_file
+from ..io.files import distinct_stems, local_name, natural_order
+from ..io.images import image_endings, longer_side, read_image
+from ..io.input_file import InputFile
+from ..io.pixels import MAX_BYTES
+from ..requests.arrays import read_stored
+from ..requests.dialect import Dialect
+from ..requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
+from ..requests.sources import STDIN, Source, from_photo, from_stored
+from ..requests.templates import OPENCV_ENDINGS, read_templates
+from ..runtime.extras import extra
+from .errors import Skipping
+from .terminal import inform
 
 if TYPE_CHECKING:
-    from ...io.descriptor_dataset import DescriptorDataset
+    from ..io.descriptor_dataset import DescriptorDataset
 
-STDIN = "-"
 DATASET = ".parquet"
+SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
 ROWS = 1000  # of a data set, in memory at a time
 
 
@@ -93,40 +88,6 @@ def _read_stdin() -> InputFile:
 
 
 @dataclass(frozen=True)
-class Source:
-    """One input, ready to be drawn or inverted.
-
-    Attributes:
-        path: as the user gave it.
-        stem: begins the names of its result files; no two sources have the same.
-        descriptor: (rows, cols, channels), float32, on the CPU.
-        spec: of the descriptor.
-        image_size: (height, width) of the image the descriptor was computed from.
-        photo: that image, (C, H, W) float32 in 0…1, or None for a descriptor file.
-        part: which one of several in the file, for captions.
-    """
-
-    path: str
-    stem: str
-    descriptor: Tensor
-    spec: HOGSpec
-    image_size: tuple[int, int]
-    photo: Tensor | None
-    part: str = ""
-
-    @property
-    def name(self) -> str:
-        """The name of the file without its folders, printable, and the part."""
-        file = unicode_of(Path(self.path).name) if self.path != STDIN else "stdin"
-        return f"{file}, {self.part}" if self.part else file
-
-    @cached_property
-    def gray_photo(self) -> Tensor | None:
-        """The photograph in gray (Eq. 1), (H, W), if it is known."""
-        return None if self.photo is None else gray(self.photo[None])[0, 0]
-
-
-@dataclass(frozen=True)
 class Inputs:
     """The inputs of a command: files, or :data:`STDIN`, and what is read; rows of data sets are read when needed.
 
@@ -150,7 +111,7 @@ class Inputs:
                     with self.skipping.each(row.path):
                         if row.stored is None:
                             raise ValueError(f"{row.path}: {row.error}")
-                        source = _from_stored(row.path, f"{number:06d}_{local_name(Path(row.path).stem)}", row.stored)
+                        source = from_stored(row.path, f"{number:06d}_{local_name(Path(row.path).stem)}", row.stored)
                         check(source)
                         sources.append(source)
                 if sources:
@@ -223,7 +184,7 @@ def _check_no_array(request: HogRequest) -> None:
 def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
     """A data set of descriptors; raises ValueError if there is none, or its spec contradicts the dialect."""
     with extra("dataset", "a data set of descriptors"):
-        from ...io.descriptor_dataset import DescriptorDataset
+        from ..io.descriptor_dataset import DescriptorDataset
     data = DescriptorDataset(name)
     with naming(Path(name)):
         dialect.check(data.spec)
@@ -244,12 +205,12 @@ class _Reader:
             if is_dpm_file(file):
                 raise ValueError(f"{file}: expected a descriptor, got a detector: see `nablahog invert --template`")
             self.arrays += 1
-            return _from_stored(file.name, stem, read_stored(file, request))
+            return from_stored(file.name, stem, read_stored(file, request))
         if is_archive(file):
             stored = load_descriptor(file)
             with naming(file):
                 request.check(stored.spec)
-            return _from_stored(file.name, stem, stored)
+            return from_stored(file.name, stem, stored)
         try:
             photo = read_image(file, request.longer_side)
         except ValueError as error:
@@ -261,22 +222,23 @@ class _Reader:
         return from_photo(file.name, stem, photo, request.spec, size=request.longer_side, shrunk=shrunk)
 
 
-def _from_stored(path: str, stem: str, stored: StoredDescriptor) -> Source:
-    descriptor = stored.descriptor.float()
-    if not torch.isfinite(descriptor).all():
-        raise ValueError(
-            f"{path}: the descriptor must fit float32, got the largest magnitude {stored.descriptor.abs().max():g}"
-        )
-    return Source(path, stem, descriptor, stored.spec, stored.image_size, None)
+def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:
+    """The templates in the ``inputs`` of a command, each as two sources: its weights, and their negatives."""
+    expanded = expand(arguments.inputs, arguments, (".mat", ".npy", ".npz", ".gz", *OPENCV_ENDINGS[:3]))
+
+    def read(file: InputFile, stem: str) -> list[Source]:
+        return [
+            _signed(template, f"{stem}_{number}" if template.part else stem, sign)
+            for number, template in enumerate(read_templates(file, request), start=1)
+            for sign in SIGNS
+        ]
+
+    return replace(expanded, many=True, sources=read_each(expanded, read))
 
 
-def from_photo(path: str, stem: str, photo: Tensor, spec: HOGSpec, *, size: int, shrunk: bool = False) -> Source:
-    """Computes the descriptor of a photograph (C, H, W) in 0…1, shrunk as in :func:`read_inputs`, or before."""
-    small = limit_size(photo, size) if size else photo
-    height, width = small.shape[-2:]
-    try:
-        spec.grid(height, width)
-    except ValueError as error:
-        how = f" after shrinking it to {size} pixels" if shrunk or small is not photo else ""
-        raise ValueError(f"{path}: {error}{how}") from None
-    return Source(path, stem, describe(small[None], spec)[0], spec, (height, width), small)
+def _signed(template: Source, stem: str, sign: str) -> Source:
+    """Raises ValueError if the template has no weights of this sign."""
+    weights = SIGNS[sign] * template.descriptor
+    template_descriptor(weights[None], template.spec, template.image_size)
+    part = f"{template.part}, {sign} weights" if template.part else f"{sign} weights"
+    return replace(template, stem=f"{stem}_{sign}", descriptor=weights, part=part)
