@@ -38,8 +38,8 @@ class Step(ABC):
         self.spec = spec
 
     @abstractmethod
-    def run(self, x: Tensor) -> OutputAndSaved:
-        """The output, and a tensor (B, …) for the derivatives."""
+    def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
+        """The output, and a tensor (B, …) for the derivatives, which is arbitrary unless it ``saves``."""
 
     @abstractmethod
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
@@ -122,7 +122,7 @@ def apply(kind: type[Step], x: Tensor, spec: HOGSpec) -> Tensor:
         return output
     if x.requires_grad and torch.is_grad_enabled():
         return _run_simply(x, step)
-    return step.run(x)[0]
+    return step.run(x, saves=False)[0]
 
 
 def run_jvp(kind: type[Cells], x: Tensor, tangent: Tensor, spec: HOGSpec) -> Tensor:

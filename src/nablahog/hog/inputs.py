@@ -28,8 +28,8 @@ ArrayImage: TypeAlias = "NDArray[Any] | Image"
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
-STEP = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
-BEYOND = 1.0  # above white; filters overshoot by less
+SAMPLED = 2**14  # values of large images that are looked at: those in 0…255 show in any few pixels
+OVERSHOOT = 1.0  # above white; filters overshoot by less
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
@@ -145,23 +145,23 @@ def warn_about_range(images: Tensor, spec: HOGSpec) -> None:
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
-    if images.is_cpu and images.is_floating_point() and _is_beyond(images):
+    if images.is_cpu and images.is_floating_point() and 1 + OVERSHOOT < _largest_value(images) < math.inf:
         _warn(
             "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
             "uint8, and pass images of a network as they were before their mean was subtracted"
         )
 
 
-def _is_beyond(images: Tensor) -> bool:
-    step = max(1, min(STEP, min(images.shape[-2:]) // STEP))
+def _largest_value(images: Tensor) -> float:
+    """Of some rows and columns; 0 if values are not known.  Of centred images it tells enough."""
+    values = images.detach()
+    spacing = math.isqrt(values.numel() // SAMPLED)
+    if spacing > 1:
+        values = values[..., ::spacing, ::spacing]
     try:
-        values = images.detach().numpy()[..., ::step, ::step]  # a microsecond, where slices of tensors take four
-    except RuntimeError:  # dual numbers and tensors of torch.func's transforms have no storage
-        return False
-    if not values.size:
-        return False
-    # images that are not finite have no range; of centred ones, the largest value tells enough
-    return 1 + BEYOND < float(np.maximum.reduce(values, axis=None)) < math.inf
+        return values.max().item() if values.numel() else 0
+    except RuntimeError:  # under vmap
+        return 0
 
 
 def _warn(text: str) -> None:

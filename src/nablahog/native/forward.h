@@ -71,15 +71,16 @@ class Forward {
   const Planes<T> votes_;
 };
 
-// Images to their cells (images, rows, cols, bins) and, unless `out` is null, descriptors
+// Images to their cells (images, rows, cols, bins) and descriptors; one of them may be null
 template <class T, class Rule>
 void forward(const nablahog_plan& plan, const Images& images, Range range, T* cells, T* out) {
   thread_local Workspace work;
   work.clear();
   Forward<T, Rule> pass(plan, images, work);
   const auto norm = make_normalizer<T>(plan, work);
+  T* own_cells = cells ? nullptr : work.zeros<T>(cells_size(plan));
   for (int64_t image = range.first; image < range.last; ++image) {
-    T* of_image = cells + image * cells_size(plan);
+    T* of_image = cells ? cells + image * cells_size(plan) : own_cells;
     std::memset(of_image, 0, cells_size(plan) * sizeof(T));
     const bool broken = pass.bands(image, {0, plan.rows.stretches}, [&](int64_t band, const T* band_cells) {
       pass.add_band(band, band_cells, of_image);

@@ -53,7 +53,7 @@ int each_descriptor(const nablahog_plan& plan, Range range, Body body) {
 
 }  // namespace
 
-// Cells (images, rows, cols, bins) and descriptors of images first … last - 1; `out` may be null.
+// Cells (images, rows, cols, bins) and descriptors of images first … last - 1; one of them may be null.
 NABLAHOG_API int nablahog_hog(const nablahog_plan* plan, const void* pixels, const int64_t* strides, int64_t first,
                               int64_t last, void* cells, void* out) {
   return nablahog::guarded([&] {

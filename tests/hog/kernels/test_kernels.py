@@ -298,3 +298,12 @@ def test_a_normaliser_without_a_loop_runs_as_it_is(dtype: torch.dtype, monkeypat
     results = [hog(image, s, backend=backend) for backend in BACKENDS]
     assert_close(*results, rtol=1e-5, atol=1e-6)
     assert_close(*(torch.autograd.grad(each.sin().sum(), image)[0] for each in results), rtol=1e-4, atol=1e-4)
+
+
+@specs
+def test_without_a_graph_the_result_is_the_same(name: str) -> None:
+    """Cells are then not kept."""
+    s = SPECS[name]
+    for x in (noise(2, 3, 24, 31), noise(1, 3, 300, 310)):
+        with_graph = hog(x.clone().requires_grad_(), s).detach()
+        assert torch.equal(hog(x, s), with_graph)

@@ -20,6 +20,7 @@ from .plan import NormPlan, Plan
 
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
 _CPU = torch.device("cpu")  # whatever the default device is
+_NOTHING = torch.empty(0, device=_CPU)
 _PIXELS = c_void_p, c_void_p, c_void_p  # plan, images, strides
 _RANGE = c_int64, c_int64
 _hog = native.function("hog", *_PIXELS, *_RANGE, c_void_p, c_void_p)
@@ -68,21 +69,26 @@ class _ImageStep(Step):
         jumps = self.spec.vote == "hard" and self.spec.derivative == "linear"
         return self._make_plan(self.spec.with_linear_votes()) if jumps else self.plan
 
-    def run(self, x: Tensor) -> OutputAndSaved:
+    def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         """Descriptors and cells, or cells and nothing."""
         x = x.double() / 255 if self.converts else x
-        count, plan = x.shape[0], self.plan
-        cells = torch.empty((count, *plan.cells), dtype=plan.dtype, device=_CPU)
-        size = (count, *plan.grid) if self.normalizes else (count, 0)
-        descriptors = torch.empty(size, dtype=plan.dtype, device=_CPU)
-        pixels, out = (plan.address, x.data_ptr(), _strides(*x.stride())[1]), descriptors.data_ptr()
-        if self.is_large and count == 1 and torch.get_num_threads() > 1:
+        count, plan, normalizes = x.shape[0], self.plan, self.normalizes
+        pixels = plan.address, x.data_ptr(), _strides(*x.stride())[1]
+        in_bands = self.is_large and count == 1 and torch.get_num_threads() > 1
+        cells = descriptors = _NOTHING
+        if saves or in_bands or not normalizes:
+            cells = torch.empty((count, *plan.cells), dtype=plan.dtype, device=_CPU)
+        if saves or normalizes:
+            size = (count, *plan.grid) if normalizes else (count, 0)
+            descriptors = torch.empty(size, dtype=plan.dtype, device=_CPU)
+        to_cells, to_descriptors = cells.data_ptr() or None, descriptors.data_ptr() or None
+        if in_bands:
             self._fill_in_bands(pixels, cells)
-            if self.normalizes:
-                _normalize(plan.address, 0, 1, cells.data_ptr(), out)
+            if normalizes:
+                _normalize(plan.address, 0, 1, to_cells, to_descriptors)
         else:
-            run_in_threads(_hog, count, pixels, (cells.data_ptr(), out if self.normalizes else None))
-        return (descriptors, cells) if self.normalizes else (cells, descriptors)
+            run_in_threads(_hog, count, pixels, (to_cells, to_descriptors))
+        return (descriptors, cells) if normalizes else (cells, descriptors)
 
     def _fill_in_bands(self, pixels: tuple[int, ...], cells: Tensor) -> None:
         """The cells of one image, whose bands are shared out."""
@@ -142,10 +148,10 @@ class NativeNorm(Norm):
         super().__init__(spec, shape, stored, real)
         self.plan = NormPlan(spec, shape[0], shape[1], real)
 
-    def run(self, x: Tensor) -> OutputAndSaved:
+    def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         cells, descriptors = x.contiguous(), x.new_empty((len(x), *self.plan.grid))
         run_in_threads(_normalize, len(x), (self.plan.address,), (cells.data_ptr(), descriptors.data_ptr()))
-        return descriptors, x.new_empty((len(x), 0))
+        return descriptors, x.new_empty((len(x), 0)) if saves else _NOTHING
 
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
         cells, grad = x.contiguous(), grad_output.contiguous()

@@ -201,7 +201,7 @@ def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: H
 class TritonCells(Cells):
     """Eq. 1-6, of float16 and bfloat16 images, too."""
 
-    def run(self, x: Tensor) -> OutputAndSaved:
+    def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         """Cells, and (B, 1), not 0 where an image has a pixel that is not finite."""
         cells, flags = flagged_cells(x, self.spec)
         return torch.where(flags.reshape(-1, 1, 1, 1) != 0, torch.nan, cells), flags.unsqueeze(1)
@@ -223,7 +223,7 @@ class TritonDescribe(Describe):
     def _normalize(self, cells: Tensor) -> Tensor:
         return normalize_reference(cells.permute(0, 3, 1, 2), self.spec).permute(0, 2, 3, 1)
 
-    def run(self, x: Tensor) -> OutputAndSaved:
+    def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         cells, flags = self._cells.run(x)
         return spread_nan(self._normalize(cells), x).contiguous(), flags
 
