@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from nablahog.cli import terminal
-from nablahog.cli.arguments.tables import KINDS
+from nablahog.cli.arguments.parsers import KINDS
 from nablahog.cli.main import main
 from nablahog.cli.results import inversion
 from nablahog.jobs import runner

@@ -14,8 +14,7 @@ from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, R
 from nablahog.cli.arguments.options import request_of
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest
-from nablahog.requests.kinds import FLAG
-from nablahog.requests.options import Option, options_of, words
+from nablahog.requests.options import FLAG, Option, options_of, words
 from nablahog.requests.pose import PoseRequest
 
 COMMANDS = {"hog": HogRequest, "glyph": GlyphRequest, "invert": InvertRequest, "pose": PoseRequest}

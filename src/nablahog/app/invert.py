@@ -21,8 +21,7 @@ from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from .lines import for_inversion
 from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, encoded, png
-from .see import requested_descriptor
-from .store import DescriptorEntry, Photograph, Store
+from .store import DescriptorEntry, Photograph, Store, requested_descriptor
 from .work_queue import CancelToken
 
 PAUSE = 0.07  # seconds between frames, at least

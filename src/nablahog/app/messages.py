@@ -22,8 +22,7 @@ from torch import Tensor
 from ..hog import HOGSpec
 from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
-from ..requests.kinds import integer, number
-from ..requests.options import option, options_of
+from ..requests.options import integer, number, option, options_of
 from ..requests.pose import PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import one_line

@@ -7,50 +7,16 @@ import time
 from typing import Any
 
 import numpy as np
-from torch import Tensor
 
-from ..hog import HOGSpec
 from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
-from ..requests.dialect import as_text
-from ..requests.sources import from_photo
 from ..viz.pictures import edge_votes
 from .lines import for_glyphs, for_hog
-from .messages import HogMessage, InvertMessage, RequestError, as_request_error, glyphs
-from .store import DescriptorEntry, Photograph, Store
+from .messages import HogMessage, RequestError, as_request_error, glyphs
+from .store import DescriptorEntry, Store, requested_descriptor
 
 GLYPHS = 720  # pixels, about, of their longer side
-
-
-def requested_descriptor(request: HogMessage | InvertMessage, store: Store) -> DescriptorEntry:
-    """The descriptor that a request is about."""
-    if (request.photo is None) == (request.descriptor is None):
-        got = "neither" if request.photo is None else "both"
-        raise RequestError(422, f"expected a photo or a descriptor, got {got}")
-    if request.descriptor is not None:
-        return store.get(request.descriptor, DescriptorEntry)
-    assert request.photo is not None
-    photograph, spec = store.get(request.photo, Photograph), request.spec
-    photo, shrunk = photograph.shrunk(request.size), request.size < max(photograph.size)
-    with as_request_error():
-        try:
-            _check_cells(photograph.name, photo, spec)
-            source = from_photo(photograph.name, "photo", photo, spec, size=request.size, shrunk=shrunk)
-        except ValueError as error:
-            larger = "a larger size" if shrunk else "a larger photograph"
-            raise ValueError(f"{error}; it takes {larger}, smaller cells or another preset") from None
-    return DescriptorEntry(source)
-
-
-def _check_cells(name: str, photo: Tensor, spec: HOGSpec) -> None:
-    """Raises ValueError if the image is smaller than a cell, of which some presets make a descriptor nevertheless."""
-    size = tuple(photo.shape[1:])
-    if any(side < cell for side, cell in zip(size, spec.cell_size, strict=True)):
-        raise ValueError(
-            f"{name}: the image must hold at least one cell of {as_text(spec.cell_size)} pixels (height x width), got "
-            f"an image of {as_text(size)}"
-        )
 
 
 def see(request: HogMessage, store: Store) -> dict[str, Any]:

@@ -150,7 +150,7 @@ class Server:
 
     async def _invert(self, request: Request) -> Response:
         asked = decoded(await request.body(), InvertMessage)
-        see.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
+        store.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 
     async def _frames(self, asked: InvertMessage) -> AsyncIterator[bytes]:

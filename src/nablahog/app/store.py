@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from PIL import Image
 from torch import Tensor
 
+from ..hog import HOGSpec
 from ..io.arrays import is_raw, read_array
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
@@ -25,13 +26,14 @@ from ..io.input_file import InputFile
 from ..io.pixels import register_heif
 from ..render import Mesh, load_mesh
 from ..requests.arrays import read_stored
+from ..requests.dialect import as_text
 from ..requests.inversion import GlyphRequest
-from ..requests.kinds import SIZE
-from ..requests.sources import Source
+from ..requests.options import SIZE
+from ..requests.sources import Source, from_photo
 from ..requests.templates import read_templates
 from . import lines
 from .lines import Reading
-from .messages import GONE, SEE_SIZE, RequestError, as_request_error, from_json
+from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, as_request_error, from_json
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
@@ -157,6 +159,36 @@ class Store:
         if not isinstance(item, kind):
             raise RequestError(410, GONE)
         return item
+
+
+def requested_descriptor(request: HogMessage | InvertMessage, store: Store) -> DescriptorEntry:
+    """The descriptor that a request is about."""
+    if (request.photo is None) == (request.descriptor is None):
+        got = "neither" if request.photo is None else "both"
+        raise RequestError(422, f"expected a photo or a descriptor, got {got}")
+    if request.descriptor is not None:
+        return store.get(request.descriptor, DescriptorEntry)
+    assert request.photo is not None
+    photograph, spec = store.get(request.photo, Photograph), request.spec
+    photo, shrunk = photograph.shrunk(request.size), request.size < max(photograph.size)
+    with as_request_error():
+        try:
+            _check_cells(photograph.name, photo, spec)
+            source = from_photo(photograph.name, "photo", photo, spec, size=request.size, shrunk=shrunk)
+        except ValueError as error:
+            larger = "a larger size" if shrunk else "a larger photograph"
+            raise ValueError(f"{error}; it takes {larger}, smaller cells or another preset") from None
+    return DescriptorEntry(source)
+
+
+def _check_cells(name: str, photo: Tensor, spec: HOGSpec) -> None:
+    """Raises ValueError if the image is smaller than a cell, of which some presets make a descriptor nevertheless."""
+    size = tuple(photo.shape[1:])
+    if any(side < cell for side, cell in zip(size, spec.cell_size, strict=True)):
+        raise ValueError(
+            f"{name}: the image must hold at least one cell of {as_text(spec.cell_size)} pixels (height x width), got "
+            f"an image of {as_text(size)}"
+        )
 
 
 def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> dict[str, Any]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -103,11 +102,3 @@ class Skipping:
     @property
     def status(self) -> int:
         return SOME_SKIPPED if self.skipped else 0
-
-
-def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
-    """Raises ValueError if a result would be written to an input file."""
-    read = {os.path.realpath(path) for path in inputs}
-    for target in targets:
-        if os.path.realpath(target) in read:
-            raise ValueError(f"the result {target} would overwrite an input: expected another -o")

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from ..requests.kinds import integer
+from ..requests.options import integer
 from ..runtime.text import one_line
 from .arguments import options
 from .arguments.options import Parser
-from .arguments.requests import demo, glyph, hog, invert, pose
-from .arguments.tables import KINDS, learn, table1, table2
+from .arguments.parsers import KINDS, demo, glyph, hog, invert, learn, pose, table1, table2
 from .errors import MOST_CHARACTERS, tell, worded
 
 PORT = 8765

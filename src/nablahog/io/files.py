@@ -10,7 +10,7 @@ import secrets
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
@@ -172,3 +172,11 @@ def _shorten(stem: str) -> str:
     """The first :data:`MAX_STEM_BYTES` of a name, in the encoding of file names."""
     first = os.fsencode(stem)[:MAX_STEM_BYTES]
     return first.decode(errors="ignore") if sys.getfilesystemencoding() == "utf-8" else os.fsdecode(first)
+
+
+def forbid_overwrite(inputs: Iterable[str | os.PathLike[str]], targets: Iterable[Path]) -> None:
+    """Raises ValueError if a result would be written to an input file."""
+    read = {os.path.realpath(path) for path in inputs}
+    for target in targets:
+        if os.path.realpath(target) in read:
+            raise ValueError(f"the result {target} would overwrite an input: expected another -o")

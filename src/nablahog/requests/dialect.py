@@ -15,8 +15,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ..hog import HOGSpec, presets
 from ..runtime.text import did_you_mean
-from .kinds import SETTING, choice
-from .options import option
+from .options import SETTING, choice, option
 
 PRESETS: dict[str, Callable[..., HOGSpec]] = {name: getattr(presets, name) for name in presets.__all__}
 DEFAULT_PRESET = "uoctti"

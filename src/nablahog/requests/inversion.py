@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..hog import HOGSpec
 from ..invert.choices import InversionMethod, QualityName
 from .dialect import Dialect
-from .kinds import SIZE, TEXT, integer, path
-from .options import keywords, option
+from .options import SIZE, TEXT, integer, keywords, option, path
 
 if TYPE_CHECKING:
     from ..invert.learned import LearnedPrior, PriorChoice

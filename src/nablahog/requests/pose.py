@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, get_args
 
 from ..pose.options import SearchMethod
-from .kinds import Kind, integer, number, numbers, path
-from .options import keywords, option
+from .options import Kind, integer, keywords, number, numbers, option, path
 
 Sides: TypeAlias = tuple[float, float, float, float]
 LEAST_CONFIDENCE = 0.3

@@ -17,7 +17,7 @@ from PIL import Image
 from torch import Tensor
 
 from nablahog import LearnedPrior, presets
-from nablahog.cli.arguments.tables import KINDS
+from nablahog.cli.arguments.parsers import KINDS
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
 from nablahog.invert.provenance import digest_of_weights

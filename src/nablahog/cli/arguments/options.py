@@ -8,8 +8,7 @@ from typing import Any, NoReturn, TypeVar
 
 from ...requests.dialect import PRESETS, defaults_of
 from ...requests.inversion import InvertRequest
-from ...requests.kinds import FLAG, Kind, integer, path, read_path
-from ...requests.options import options_of
+from ...requests.options import FLAG, Kind, integer, options_of, path, read_path
 from ...runtime.text import did_you_mean, one_line
 
 Request = TypeVar("Request")

@@ -15,7 +15,7 @@ from PIL import Image
 
 from ...io.arrays import naming
 from ...io.descriptor_file import save_descriptor
-from ...io.files import Writable, local_name, natural_order, output_folder
+from ...io.files import Writable, forbid_overwrite, local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
 from ...jobs.runner import run_anywhere
 from ...jobs.store import JobResult
@@ -26,7 +26,7 @@ from ...runtime.extras import extra
 from ...runtime.text import counted, decoded
 from ...viz.pictures import glyph_image
 from ..arguments.options import request_of
-from ..errors import SOME_SKIPPED, forbid_overwrite
+from ..errors import SOME_SKIPPED
 from ..inputs import DATASET, Inputs, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
 

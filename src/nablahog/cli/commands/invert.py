@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ...io.files import output_folder, write_text
+from ...io.files import forbid_overwrite, output_folder, write_text
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import local_path
 from ...requests.inversion import GlyphRequest, InvertRequest
@@ -22,7 +22,7 @@ from ...requests.options import changed
 from ...requests.sources import Source
 from ...runtime.cache import code_key
 from ..arguments.options import request_of
-from ..errors import Skipping, forbid_overwrite
+from ..errors import Skipping
 from ..inputs import read_inputs, read_template_inputs
 from ..results import inversion_page
 from ..results.inversion import (

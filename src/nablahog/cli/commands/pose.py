@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...hog.box import Box
-from ...io.files import check_folder, local_name, output_folder
+from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import read_exif_focal, read_image
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
@@ -29,7 +29,7 @@ from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.text import unicode_of
 from ..arguments.options import request_of
-from ..errors import REFUSED, SOME_SKIPPED, forbid_overwrite, tell
+from ..errors import REFUSED, SOME_SKIPPED, tell
 from ..results.pose_files import PosedObject, names, rows, write
 from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page

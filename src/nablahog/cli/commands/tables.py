@@ -28,7 +28,7 @@ from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
 from ...runtime.text import counted
-from ..arguments.tables import HARDER, SCENES
+from ..arguments.parsers import HARDER, SCENES
 from ..terminal import counter, print_table, say, say_ignored, say_page
 
 VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
