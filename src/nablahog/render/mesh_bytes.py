@@ -34,11 +34,14 @@ def as_utf8(text: bytes) -> bytes:
 
 
 def as_lines(text: bytes) -> list[bytes]:
-    """The lines of a text in UTF-8 without tabs and blanks at their ends; those that a backslash continues are one."""
+    """The lines of a text in UTF-8 that are not empty, without tabs and blanks at their ends.
+
+    Those that a backslash continues are one.
+    """
     plain = as_utf8(text).replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\t", b" ")
     if b"\\" in plain:
         plain = re.sub(rb"\\ *\n", b" ", _REMARK.sub(b"", plain))  # a remark is not continued
-    return [line.strip() for line in plain.split(b"\n")]
+    return [line.strip() for line in plain.split(b"\n") if line]
 
 
 def as_numbers(text: bytes, kind: type[Number], count: int, expected: str) -> NDArray[Number]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import insort
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -11,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .companion_files import CompanionFiles
-from .mesh_bytes import as_lines, as_numbers
+from .mesh_bytes import MAX_FACES, as_lines, as_numbers
 from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
 
 MAX_MATERIALS = 10_000  # in an OBJ
 MAX_LIBRARIES = 100  # MTL files of an OBJ
 
 _SLASH, _BLANK = b"/ "
+_STARTS = (b"v ", b"vt", b"f ", b"fo", b"us", b"mt")  # the first two letters of the lines that are read
 _EXPECTED = "expected faces such as 1 2 3, 1/1 2/2 3/3 or 1//1 2//2 3//3"
 _SIGN, _SIGN_AFTER_NAMES = b"#", b" # "  # of a remark; names may be "Material #25"
 
@@ -40,41 +39,46 @@ def read_obj(data: bytes, companions: CompanionFiles) -> Soup:
     Raises:
         ValueError: it has too many materials, numbers that are none, or a face refers to what is not there.
     """
-    rows = _rows_of(as_lines(data))
+    polygons = data.count(b"\nf ")
+    if polygons > MAX_FACES:  # before they take memory
+        raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {polygons:,}")
+    rows = _index_lines(as_lines(data))
     vertex_lines, vertex_texts = rows(b"v", _SIGN)
     place_lines, place_texts = rows(b"vt", _SIGN)
     face_lines, faces = rows(b"f", _SIGN)
-    vertices, places = _table(vertex_texts, least=3), _table(place_texts, least=1)
+    vertices, places = _parse_table(vertex_texts, least=3), _parse_table(place_texts, least=1)
     places = np.pad(places, ((0, 0), (0, 1)))[:, :2]  # of one number each, v is 0
     counts = np.array([len(face.split()) for face in faces], dtype=np.int64)
-    numbers = _numbers_of_corners(faces, int(counts.sum()))
+    numbers = _parse_corners(faces, int(counts.sum()))
     if (numbers < 0).any():
         before = np.stack([np.searchsorted(lines, face_lines) for lines in (vertex_lines, place_lines)], axis=1)
         numbers = _count_from_first(numbers, before.repeat(counts, axis=0))
     corners, at = numbers.T - 1
     check_corners(corners, len(vertices))
-    materials, which = _materials(rows, companions, face_lines)
+    materials, which = _read_materials(rows, companions, face_lines)
     which = which.repeat(counts)
     if vertices.shape[1] >= 6:
         brightness = to_gray(vertices[:, 3:6])[corners]
     else:
         brightness = np.array([BRIGHTNESS if m.diffuse is None else m.diffuse for m in materials])[which]
     textured = np.flatnonzero((at >= 0) & (at < len(places)))
-    for texture, here in _by_texture(materials, which[textured]):
+    for texture, here in _group_by_texture(materials, which[textured]):
         sampled = companions.sample(texture, places[at[textured[here]]])
         if sampled is not None:
             brightness[textured[here]] = sampled
     return make_soup(vertices[:, :3], corners, counts, corner_brightness=brightness)
 
 
-def _rows_of(lines: list[bytes]) -> Rows:
-    places: defaultdict[bytes, list[int]] = defaultdict(list)  # of lines, by their first two letters
+def _index_lines(lines: list[bytes]) -> Rows:
+    places: dict[bytes, list[int]] = {start: [] for start in _STARTS}
     for number, line in enumerate(lines):
-        places[line[:2]].append(number)
-    for number in places[b"fo"]:
-        if lines[number].startswith(b"fo "):  # an older word for f
-            lines[number] = b"f" + lines[number][2:]
-            insort(places[b"f "], number)
+        start = line[:2]
+        if start in places:
+            places[start].append(number)
+    older = [number for number in places[b"fo"] if lines[number].startswith(b"fo ")]  # an older word for f
+    for number in older:
+        lines[number] = b"f" + lines[number][2:]
+    places[b"f "] = sorted(places[b"f "] + older)
 
     def rows(keyword: bytes, sign: bytes) -> tuple[list[int], list[bytes]]:
         start = keyword + b" "
@@ -84,7 +88,7 @@ def _rows_of(lines: list[bytes]) -> Rows:
     return rows
 
 
-def _table(texts: Sequence[bytes], least: int) -> Floats:
+def _parse_table(texts: Sequence[bytes], least: int) -> Floats:
     """The numbers of rows, as many columns as the shortest has, and at least so many."""
     widths = [len(text.split()) for text in texts]
     width = min(widths, default=least)
@@ -96,7 +100,7 @@ def _table(texts: Sequence[bytes], least: int) -> Floats:
     return numbers.reshape(len(texts), width)
 
 
-def _numbers_of_corners(faces: Sequence[bytes], count: int) -> Integers:
+def _parse_corners(faces: Sequence[bytes], count: int) -> Integers:
     """The numbers (corners, 2) of vertex and place in the texture, of which 0 is none, of all faces in a row.
 
     A corner is written as v, v/vt, v/vt/vn or v//vn.
@@ -126,7 +130,7 @@ def _count_from_first(numbers: Integers, before: Integers) -> Integers:
     return counted
 
 
-def _materials(rows: Rows, companions: CompanionFiles, faces: Sequence[int]) -> tuple[list[_Material], Integers]:
+def _read_materials(rows: Rows, companions: CompanionFiles, faces: Sequence[int]) -> tuple[list[_Material], Integers]:
     """The materials, and for each of the faces, given by their lines, which of these it has."""
     uses, names = rows(b"usemtl", _SIGN_AFTER_NAMES)
     libraries = dict.fromkeys(map(bytes.strip, rows(b"mtllib", _SIGN_AFTER_NAMES)[1]))
@@ -142,7 +146,7 @@ def _materials(rows: Rows, companions: CompanionFiles, faces: Sequence[int]) -> 
     return [known.get(name, _Material()) for name in numbers], np.array(used)[np.searchsorted(uses, faces)]
 
 
-def _by_texture(materials: Sequence[_Material], which: Integers) -> Iterator[tuple[str, Integers]]:
+def _group_by_texture(materials: Sequence[_Material], which: Integers) -> Iterator[tuple[str, Integers]]:
     """Each texture, and the corners that it is on, of which ``which`` says the materials."""
     textures: dict[str | None, int] = {}
     numbers = [textures.setdefault(material.texture, len(textures)) for material in materials]

@@ -83,7 +83,8 @@ def triangulate(vertices: Floats, corners: Integers, counts: Integers) -> Intege
     for count in np.unique(counts[counts >= 3]).tolist():
         members = np.flatnonzero(counts == count)
         loops = corners[starts[members, None] + np.arange(count)]  # (M, count)
-        fans = np.stack([loops[:, [0, k, k + 1]] for k in range(1, count - 1)], 1)  # (M, count - 2, 3)
+        second = np.arange(1, count - 1)
+        fans = loops[:, np.stack([0 * second, second, second + 1], axis=1)]  # (M, count - 2, 3)
         if count > 3:
             for number in np.flatnonzero(~_convex(vertices[loops])).tolist():
                 fans[number] = loops[number][_cut_ears(vertices[loops[number]])]
