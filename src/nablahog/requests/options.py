@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -114,87 +114,59 @@ SIZE = Kind("HxW", _read_size, lambda sides: "x".join(map(str, sides)))
 SETTING = Kind("KEY=VALUE", _read_setting, "=".join, collect=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Option:
     """A field of a request.
 
     Attributes:
-        name: of the field.
-        hint: its type.
-        default: its value if nothing is asked for.
+        default: its value if nothing is asked for, or a type that makes it.
         help: a sentence for `--help`.
-        kind: how its values are written, and their range.
-        flag: the option of the command.
-        keyword: whether it is a keyword of the package's function, too.
-        on_page: whether the page has it.
-        page_choices: of all its values those that the page has.
-        stands_for: what the default None means.
-    """
-
-    name: str
-    hint: Any
-    default: Any
-    help: str
-    kind: Kind
-    flag: str
-    keyword: bool
-    on_page: bool
-    page_choices: tuple[str, ...]
-    stands_for: Any
-
-
-def option(
-    default: Any,
-    text: str,
-    kind: Kind | None = None,
-    *,
-    flag: str = "",
-    keyword: bool = False,
-    on_page: bool | tuple[str, ...] = False,
-    stands_for: Any = None,
-) -> Any:
-    """A field of a request, as :class:`Option` has it.
-
-    Args:
-        default: of the field, or a type that makes it.
-        text: the sentence of help.
-        kind: of its values; by default that of the field's type, ``bool`` or a ``Literal``.
-        flag: by default the name of the field.
-        keyword: whether the package's function has a keyword of this name.
+        kind: how its values are written, and their range; a ``bool`` or a ``Literal`` needs none.
+        flag: the option of the command, by default the field's name.
+        keyword: whether the package's function has a keyword of its name.
         on_page: whether the page has it, or those of its values that the page has.
         stands_for: what the default None means.
+        name, hint: of the field.
     """
-    about = {"help": text, "kind": kind, "flag": flag, "keyword": keyword, "on_page": on_page, "stands_for": stands_for}
+
+    default: Any
+    help: str
+    kind: Kind = FLAG
+    _: KW_ONLY
+    flag: str = ""
+    keyword: bool = False
+    on_page: bool | tuple[str, ...] = False
+    stands_for: Any = None
+    name: str = ""
+    hint: Any = None
+
+    @property
+    def page_choices(self) -> tuple[str, ...]:
+        """Its values on the page, if they are few names."""
+        return self.on_page if isinstance(self.on_page, tuple) else tuple(self.kind.choices)
+
+
+def option(default: Any, *about: Any, **more: Any) -> Any:
+    """A field of a request, with the attributes of :class:`Option`."""
+    metadata = {"option": Option(default, *about, **more)}
     if isinstance(default, type):
-        return dataclasses.field(default_factory=default, metadata=about)
-    return dataclasses.field(default=default, metadata=about)
+        return dataclasses.field(default_factory=default, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 @cache
 def options_of(request: type) -> tuple[Option, ...]:
     """The options of a request, in the order of its fields; a field that is no :func:`option` is none."""
     hints = get_type_hints(request)
-    return tuple(_option(each, hints[each.name]) for each in dataclasses.fields(request) if "help" in each.metadata)
+    fields = [field for field in dataclasses.fields(request) if "option" in field.metadata]
+    return tuple(_complete(field.metadata["option"], field.name, hints[field.name]) for field in fields)
 
 
-def _option(field: dataclasses.Field[Any], hint: Any) -> Option:
-    about = field.metadata
-    factory = field.default_factory
-    default = field.default if factory is dataclasses.MISSING else factory()
-    kind = about["kind"] or (choice(get_args(hint)) if get_origin(hint) is Literal else FLAG)
-    on_page = about["on_page"]
-    return Option(
-        field.name,
-        hint,
-        default,
-        about["help"],
-        kind,
-        about["flag"] or f"--{field.name.replace('_', '-')}",
-        about["keyword"],
-        bool(on_page),
-        on_page if isinstance(on_page, tuple) else tuple(kind.choices),
-        about["stands_for"],
-    )
+def _complete(option: Option, name: str, hint: Any) -> Option:
+    default = option.default() if isinstance(option.default, type) else option.default
+    kind = choice(get_args(hint)) if get_origin(hint) is Literal else option.kind
+    flag = option.flag or f"--{name.replace('_', '-')}"
+    return dataclasses.replace(option, name=name, hint=hint, default=default, kind=kind, flag=flag)
 
 
 def changed(request: Any, kind: type, beyond: type | None = None) -> list[tuple[Option, Any]]:
