@@ -37,23 +37,23 @@ def about(store: Store) -> dict[str, Any]:
         "samples": [
             {
                 "id": key,
-                "name": each.name,
-                "width": each.size[1],
-                "height": each.size[0],
-                "box": each.box,
-                "focal": each.focal,
+                "name": photograph.name,
+                "width": photograph.size[1],
+                "height": photograph.size[0],
+                "box": photograph.box,
+                "focal": photograph.focal,
                 "own": key.startswith("photo-"),
             }
-            for key, each in store.pinned(Photograph).items()
+            for key, photograph in store.pinned(Photograph).items()
         ],
-        "meshes": [{"id": key, "name": each.name} for key, each in store.pinned(MeshEntry).items()],
+        "meshes": [{"id": key, "name": mesh.name} for key, mesh in store.pinned(MeshEntry).items()],
         "priors": {"signed": "prior" in shipped, "unsigned": "unsigned-prior" in shipped},
         "limits": {"upload_bytes": MOST_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
         "options": {
             view: [
-                _option(each)
-                for each in options_of(message)
-                if each.on_page and each.name not in WITH_A_CONTROL_OF_THEIR_OWN
+                _option(option)
+                for option in options_of(message)
+                if option.on_page and option.name not in WITH_A_CONTROL_OF_THEIR_OWN
             ]
             for view, message in (("see", HogMessage), ("invert", InvertMessage), ("fit", Fit))
         },
@@ -86,7 +86,7 @@ def _option(option: Option) -> dict[str, Any]:
 
 def _control(name: str, hint: Any, default: str, choices: Sequence[str] = ()) -> dict[str, Any]:
     kinds = get_args(hint) if get_origin(hint) in (UnionType, Union) else (hint,)
-    kind = next(each for each in kinds if each is not NoneType)
+    kind = next(kind for kind in kinds if kind is not NoneType)
     choices = [*choices] or (list(map(str, get_args(kind))) if get_origin(kind) is Literal else [])
     return {
         "name": name,

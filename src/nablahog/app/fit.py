@@ -114,9 +114,11 @@ class Fitting:
     def _poses(self, pose: Pose, place: bool) -> Tensor:
         """(1, 6), within what can be rendered."""
         azimuth, elevation, distance, theta, x, y = pose
-        made = torch.tensor([[azimuth % 360, min(max(elevation, -90), 90), distance, theta, x, y]], dtype=torch.float64)
-        made[:, 2] = made[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
-        return fit_to_box(made, self.prepared.hull, self.crop.camera, self.crop.size) if place else made
+        poses = torch.tensor(
+            [[azimuth % 360, min(max(elevation, -90), 90), distance, theta, x, y]], dtype=torch.float64
+        )
+        poses[:, 2] = poses[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
+        return fit_to_box(poses, self.prepared.hull, self.crop.camera, self.crop.size) if place else poses
 
     def around(self, pose: Pose) -> tuple[Tensor, ...]:
         """Poses (N, 6) at azimuths all around, some at a time."""

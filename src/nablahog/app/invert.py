@@ -32,8 +32,8 @@ Send = Callable[[str, dict[str, Any]], None]
 
 def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken) -> None:
     """Searches the image, sends the events ``start``, ``frame`` and ``done``, and puts the result into the store."""
-    of = requested_descriptor(request, store)
-    source = of.source
+    entry = requested_descriptor(request, store)
+    source = entry.source
     height, width = source.image_size
     if max(height, width) > INVERT_SIZE:
         raise RequestError(413, f"expected an image of at most {INVERT_SIZE} pixels a side, got {height}x{width}")
@@ -48,7 +48,7 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
         },
     )
     with as_request_error():
-        if of.template:
+        if entry.template:
             result = reconstruct_template(
                 source.descriptor[None], source.spec, source.image_size, seed=request.seed, progress=watch.progress
             )
@@ -56,12 +56,12 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
             result = _searched(request, store, source.descriptor[None], source.spec, source.image_size, watch)
     image = result.image[0, 0]
     polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[0]), 4)
-    kept = Photograph(f"pre-image of {source.name}", image[None])
+    preimage = Photograph(f"pre-image of {source.name}", image[None])
     send(
         "done",
         {
             "image": encoded(png(image)),
-            "id": store.add(kept, image.numpy().tobytes()),
+            "id": store.add(preimage, image.numpy().tobytes()),
             **{name.lower(): value for name, value in _measures(image, reference).items()},
             "distance": float(result.distance[0]),
             "polarity": polarity,
@@ -70,7 +70,7 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
             "history": _thinned(result.history[:, 0]),
-            "lines": _lines(request, of),
+            "lines": _lines(request, entry),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
     )
@@ -89,10 +89,10 @@ def _searched(
     return reconstruct(descriptor, spec, size, **{**request.keywords(), "prior": prior}, start=start, watch=watch)
 
 
-def _lines(request: InvertMessage, of: DescriptorEntry) -> dict[str, str]:
-    if of.template:
-        return for_inversion(InvertRequest(template=True, seed=request.seed), of.reading or of.source.path)
-    lines = for_inversion(request, of.reading or of.source.path)
+def _lines(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
+    if entry.template:
+        return for_inversion(InvertRequest(template=True, seed=request.seed), entry.reading or entry.source.path)
+    lines = for_inversion(request, entry.reading or entry.source.path)
     if request.start is not None:
         begins = "# from the beginning, not from the image that the page continued from"
         lines = {name: f"{begins}\n{text}" for name, text in lines.items()}

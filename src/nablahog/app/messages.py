@@ -70,13 +70,14 @@ def _question(facts: Mapping[str, Any]) -> dict[str, Any]:
     """What the page asks about a file: which of its arrays, or of which preset that fits, the likeliest first."""
     if not facts:
         return {}
-    fitting = [each.request for each in facts.get("fitting", ()) if not each.is_detector]
+    fitting = [preset.request for preset in facts.get("fitting", ()) if not preset.is_detector]
     return {
         "question": {
             "keys": facts.get("keys"),
             "shape": facts.get("shape"),
             "fitting": [
-                {"preset": each.preset, "settings": each.settings, "image_size": each.image_size} for each in fitting
+                {"preset": asked.preset, "settings": asked.settings, "image_size": asked.image_size}
+                for asked in fitting
             ],
         }
     }
@@ -210,8 +211,10 @@ def _struct(message: type, tag: str | None = None) -> type[Struct]:
         else:
             continue
         fields.append((field.name, kind) if default is dataclasses.MISSING else (field.name, kind, default))
-    made: type[Struct] = msgspec.defstruct(message.__name__, fields, tag=tag, forbid_unknown_fields=True, kw_only=True)
-    return made
+    struct: type[Struct] = msgspec.defstruct(
+        message.__name__, fields, tag=tag, forbid_unknown_fields=True, kw_only=True
+    )
+    return struct
 
 
 def _bounded(hint: Any, least: float | None = None, most: float | None = None, *, above: bool = False) -> Any:

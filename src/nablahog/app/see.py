@@ -22,26 +22,26 @@ GLYPHS = 720  # pixels, about, of their longer side
 def see(request: HogMessage, store: Store) -> dict[str, Any]:
     """A descriptor's shape, its glyphs, and how to make it elsewhere."""
     began = time.perf_counter()
-    of = requested_descriptor(request, store)
-    source, asked = of.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
+    entry = requested_descriptor(request, store)
+    source, asked = entry.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
     with as_request_error():
         drawn = glyphs(source.descriptor, source.spec, GLYPHS)
     return {
-        "key": store.add(of, *(each.encode() for each in (*asked, str(request.size)))),
+        "key": store.add(entry, *(text.encode() for text in (*asked, str(request.size)))),
         "name": source.spec.name,
         "shape": list(source.descriptor.shape),
         "numbers": source.descriptor.numel(),
         "signed": source.spec.signed,
         "image_size": list(source.image_size),
         "glyphs": drawn,
-        "lines": for_glyphs(of.reading, template=of.template) if of.reading else for_hog(request, source.path),
+        "lines": for_glyphs(entry.reading, template=entry.template) if entry.reading else for_hog(request, source.path),
         "milliseconds": round(1000 * (time.perf_counter() - began), 2),
     }
 
 
-def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
+def cell(entry: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
     """A cell of the image in a descriptor: its histogram, its block, and their entries by name."""
-    descriptor, spec, size = of.source.descriptor, of.source.spec, of.source.image_size
+    descriptor, spec, size = entry.source.descriptor, entry.source.spec, entry.source.image_size
     votes, angles = edge_votes(descriptor, spec)
     rows, cols, _ = votes.shape
     if not (0 <= row < rows and 0 <= col < cols):
@@ -65,14 +65,14 @@ def cell(of: DescriptorEntry, row: int, col: int) -> dict[str, Any]:
         "box": box,
         "angles": [round(float(np.degrees(angle)) % 360, 1) for angle in angles],
         "histogram": votes[row, col].tolist() if covered else None,
-        "block": {"row": at[0], "col": at[1], "box": _normalised_by(block, of)} if covered else None,
+        "block": {"row": at[0], "col": at[1], "box": _normalised_by(block, entry)} if covered else None,
         "entries": entries if covered else [],
     }
 
 
-def _normalised_by(block: Box, of: DescriptorEntry) -> list[int]:
+def _normalised_by(block: Box, entry: DescriptorEntry) -> list[int]:
     """The pixels of a block, or of all cells that a cell is normalised by, x0, y0, x1, y1."""
-    spec, (height, width) = of.source.spec, of.source.image_size
+    spec, (height, width) = entry.source.spec, entry.source.image_size
     reach = spec.normalizer.reach()
     if reach is None:
         return [0, 0, width, height]
@@ -86,9 +86,9 @@ def _normalised_by(block: Box, of: DescriptorEntry) -> list[int]:
     return [int(side) for side in box]
 
 
-def as_file(of: DescriptorEntry) -> bytes:
+def as_file(entry: DescriptorEntry) -> bytes:
     """A descriptor as the file that `nablahog hog` writes."""
     file = io.BytesIO()
     with as_request_error():
-        save_descriptor(file, of.source.descriptor, of.source.spec, of.source.image_size)
+        save_descriptor(file, entry.source.descriptor, entry.source.spec, entry.source.image_size)
     return file.getvalue()

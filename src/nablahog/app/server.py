@@ -51,8 +51,8 @@ class Server:
         self.store = Store(secrets.token_bytes(16))
         self.quick, self.long = WorkQueue("quick", QUICK), WorkQueue("long", LONG)
         self._uploads = asyncio.Semaphore(UPLOADS_AT_ONCE)
-        for number, each in enumerate(photographs):
-            self.store.pin(f"photo-{number}", each)
+        for number, photograph in enumerate(photographs):
+            self.store.pin(f"photo-{number}", photograph)
 
     @asynccontextmanager
     async def lifespan(self, _: Starlette) -> AsyncIterator[None]:
@@ -120,8 +120,8 @@ class Server:
         return _answering(uploaded)
 
     async def _photograph(self, request: Request) -> Response:
-        kept, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
-        picture = await self.quick.run(lambda _: png(kept.shrunk(max(8, min(size, SEE_SIZE)))))
+        photograph, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
+        picture = await self.quick.run(lambda _: png(photograph.shrunk(max(8, min(size, SEE_SIZE)))))
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
@@ -129,13 +129,13 @@ class Server:
         return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
 
     async def _cell(self, request: Request) -> Response:
-        kept = self.store.get(request.path_params["id"], DescriptorEntry)
+        entry = self.store.get(request.path_params["id"], DescriptorEntry)
         row, col = _integer(request, "row"), _integer(request, "col")
-        return await self._json(request, self.quick, lambda _: see.cell(kept, row, col))
+        return await self._json(request, self.quick, lambda _: see.cell(entry, row, col))
 
     async def _descriptor_file(self, request: Request) -> Response:
-        kept = self.store.get(request.path_params["id"], DescriptorEntry)
-        data = await self.quick.run(lambda _: see.as_file(kept))
+        entry = self.store.get(request.path_params["id"], DescriptorEntry)
+        data = await self.quick.run(lambda _: see.as_file(entry))
         headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
         return Response(data, media_type="application/octet-stream", headers=headers)
 
@@ -204,8 +204,8 @@ async def _disconnected(request: Request) -> None:
 def _chair_scene() -> Photograph:
     """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
     clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
-    made = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
-    return Photograph("chair.png", made.image, tuple(round(side, 1) for side in made.box))
+    rendered = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
+    return Photograph("chair.png", rendered.image, tuple(round(side, 1) for side in rendered.box))
 
 
 def _answering(handler: Handler) -> Handler:
@@ -220,8 +220,8 @@ def _answering(handler: Handler) -> Handler:
         except HTTPException:
             raise
         except Exception as error:
-            told = as_answer(error)
-            return JSONResponse(told.answer, told.status)
+            refusal = as_answer(error)
+            return JSONResponse(refusal.answer, refusal.status)
 
     return answered
 
@@ -245,7 +245,7 @@ def _event(name: str, data: dict[str, Any]) -> bytes:
 def _name(request: Request, default: str) -> str:
     """The user's name of an uploaded file; it is shown, and its ending is read, nothing else."""
     name = request.query_params.get("name", default)[-120:].replace("\\", "/").rpartition("/")[2]
-    return "".join(each if each.isprintable() else "�" for each in name) or default
+    return "".join(character if character.isprintable() else "�" for character in name) or default
 
 
 def _integer(request: Request, name: str, default: int | None = None) -> int:
@@ -269,11 +269,11 @@ def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Star
 def listen(host: str, port: int) -> socket.socket:
     """A socket that listens; the connections that it accepts send at once."""
     try:
-        made = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         reason = (error.strerror or str(error)).partition(" (while")[0]  # Python repeats the address
         free = "; --port 0 takes a free one" if error.errno == errno.EADDRINUSE else ""
         raise ValueError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
     # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms
-    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return made
+    listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listening

@@ -105,7 +105,7 @@ class MeshEntry:
     @property
     def nbytes(self) -> int:
         """Bytes, with the renderers that are prepared of it."""
-        return 16 * sum(each.numel() * each.element_size() for each in (self.mesh.vertices, self.mesh.faces))
+        return 16 * sum(tensor.numel() * tensor.element_size() for tensor in (self.mesh.vertices, self.mesh.faces))
 
 
 Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
@@ -116,46 +116,46 @@ class Store:
 
     def __init__(self, secret: bytes, most: int = MOST_BYTES) -> None:
         self._secret, self._most = secret, most
-        self._kept: OrderedDict[str, Any] = OrderedDict()
+        self._items: OrderedDict[str, Any] = OrderedDict()
         self._pinned: dict[str, Any] = {}
         self._lock = Lock()
 
     @property
     def nbytes(self) -> int:
         """Bytes, without what is always there."""
-        return sum(each.nbytes for each in self._kept.values())
+        return sum(item.nbytes for item in self._items.values())
 
-    def pin(self, key: str, kept: Photograph | MeshEntry) -> None:
+    def pin(self, key: str, item: Photograph | MeshEntry) -> None:
         """Keeps something under an id of its own as long as the server runs."""
-        self._pinned[key] = kept
+        self._pinned[key] = item
 
     def pinned(self, kind: type[Kept]) -> dict[str, Kept]:
         """The pinned objects of a kind, by id."""
-        return {key: each for key, each in self._pinned.items() if isinstance(each, kind)}
+        return {key: item for key, item in self._pinned.items() if isinstance(item, kind)}
 
-    def add(self, kept: Photograph | DescriptorEntry | MeshEntry, *content: bytes) -> str:
+    def add(self, item: Photograph | DescriptorEntry | MeshEntry, *content: bytes) -> str:
         """Keeps something, unless it is larger than all that may be kept; the same content has the same id."""
-        if kept.nbytes > self._most:
+        if item.nbytes > self._most:
             raise RequestError(
-                413, f"this takes {kept.nbytes:,} bytes of memory, more than the {self._most:,} available"
+                413, f"this takes {item.nbytes:,} bytes of memory, more than the {self._most:,} available"
             )
         digest = hashlib.sha256(self._secret)
-        for each in (type(kept).__name__.encode(), *content):
-            digest.update(len(each).to_bytes(8, "big") + each)
+        for part in (type(item).__name__.encode(), *content):
+            digest.update(len(part).to_bytes(8, "big") + part)
         key = digest.hexdigest()[:24]
         with self._lock:
-            self._kept[key] = kept
-            self._kept.move_to_end(key)
+            self._items[key] = item
+            self._items.move_to_end(key)
             while self.nbytes > self._most:
-                self._kept.popitem(last=False)
+                self._items.popitem(last=False)
         return key
 
     def get(self, key: str, kind: type[Kept]) -> Kept:
         """The object of a kind that has this id; RequestError if there is none, or no longer."""
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-            item = self._pinned.get(key) or self._kept.get(key)
+            if key in self._items:
+                self._items.move_to_end(key)
+            item = self._pinned.get(key) or self._items.get(key)
         if not isinstance(item, kind):
             raise RequestError(410, GONE)
         return item
@@ -196,9 +196,9 @@ def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> di
     _check_pixels(data, name)
     file = InputFile(name, data)
     with as_request_error():
-        kept = Photograph(name, read_image(file), focal=read_exif_focal(file))
-    height, width = kept.size
-    return {"id": store.add(kept, data), "name": name, "width": width, "height": height, "focal": kept.focal}
+        photo = Photograph(name, read_image(file), focal=read_exif_focal(file))
+    height, width = photo.size
+    return {"id": store.add(photo, data), "name": name, "width": width, "height": height, "focal": photo.focal}
 
 
 def _check_pixels(data: bytes, name: str) -> None:
@@ -253,8 +253,10 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
 def _sources(file: InputFile, request: GlyphRequest, template: bool) -> list[Source]:
     if template:
         return [
-            Source(each.part or file.name, "template", each.descriptor, each.spec, each.image_size, None)
-            for each in read_templates(file, request)
+            Source(
+                template.part or file.name, "template", template.descriptor, template.spec, template.image_size, None
+            )
+            for template in read_templates(file, request)
         ]
     stored = read_stored(file, request) if is_raw(file) else load_descriptor(file)
     return [Source(file.name, "descriptor", stored.descriptor.float(), stored.spec, stored.image_size, None)]
@@ -267,7 +269,7 @@ def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, tem
     if not is_raw(file):
         return [lines.of_file(file.name)]
     array = read_array(file, request.key)
-    return [lines.of_array(file.name, array, each, request, template=template) for each in sources]
+    return [lines.of_array(file.name, array, source, request, template=template) for source in sources]
 
 
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
@@ -278,6 +280,6 @@ def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict
     if up not in AXES or front not in AXES:
         raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
     with as_request_error():
-        kept = MeshEntry(name, load_mesh(file, up=up or None, front=front or None), up or None, front or None)
-    key = store.add(kept, data, file.ending.encode(), up.encode(), front.encode())
-    return {"id": key, "name": name, "vertices": len(kept.mesh.vertices), "faces": len(kept.mesh.faces)}
+        entry = MeshEntry(name, load_mesh(file, up=up or None, front=front or None), up or None, front or None)
+    key = store.add(entry, data, file.ending.encode(), up.encode(), front.encode())
+    return {"id": key, "name": name, "vertices": len(entry.mesh.vertices), "faces": len(entry.mesh.faces)}

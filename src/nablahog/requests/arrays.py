@@ -99,10 +99,10 @@ def likeliest(array: NDArray[np.floating], image_size: Size | None) -> list[Fitt
     fitting = presets_that_fit(array.shape, image_size)
     if not fitting and is_row(array.shape):
         weights = presets_that_fit((array.size - 1,), image_size)
-        return [FittingPreset(each.request, each.how, is_detector=True) for each in weights]
+        return [FittingPreset(preset.request, preset.how, is_detector=True) for preset in weights]
     if len(fitting) > 1:
-        fitting = [FittingPreset(each.request, each.how, _error(each, array)) for each in fitting]
-    return sorted(fitting, key=lambda each: each.error)
+        fitting = [FittingPreset(preset.request, preset.how, _error(preset, array)) for preset in fitting]
+    return sorted(fitting, key=lambda preset: preset.error)
 
 
 def _error(preset: FittingPreset, array: NDArray[np.floating]) -> float:
@@ -129,18 +129,18 @@ def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[Fi
     fitting: list[FittingPreset] = []
     guessed = image_size is None and is_row(shape)
     for name in PRESETS:
-        blocks = tuple({"cells_per_block": each} for each in BLOCKS) if name == "skimage" else ()
+        blocks = tuple({"cells_per_block": cells} for cells in BLOCKS) if name == "skimage" else ()
         for settings in ({}, *blocks):
             for size in SIZES if guessed else (image_size,):
                 windows = name == "opencv" and size not in (None, window_of(name, {}))
                 chosen = {"win_size": as_text(size[::-1])} if windows and size else settings
                 with suppress(ValueError):  # some are not a window of OpenCV
-                    told = size if guessed and name != "opencv" else None
-                    request = GlyphRequest(preset=name, settings=chosen, image_size=told)
+                    needed = size if guessed and name != "opencv" else None
+                    request = GlyphRequest(preset=name, settings=chosen, image_size=needed)
                     how = _own(shape, request.spec, size)
                     if how is not None:
                         fitting.append(FittingPreset(request, how))
-    return sorted(fitting, key=lambda each: each.how.layout != each.request.spec.layout)
+    return sorted(fitting, key=lambda preset: preset.how.layout != preset.request.spec.layout)
 
 
 def _own(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> FittedLayout | None:

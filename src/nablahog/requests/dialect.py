@@ -41,7 +41,7 @@ def parameters_of(name: str) -> dict[str, Any]:
 def defaults_of(name: str) -> dict[str, Any]:
     """The parameters of a preset with their defaults on the command line."""
     parameters = inspect.signature(PRESETS[name]).parameters.values()
-    return {each.name: each.default for each in parameters} | _OTHER_DEFAULTS.get(name, {})
+    return {parameter.name: parameter.default for parameter in parameters} | _OTHER_DEFAULTS.get(name, {})
 
 
 def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:

@@ -174,26 +174,26 @@ def changed(request: Any, kind: type, beyond: type | None = None) -> list[tuple[
 
     Those of ``beyond``, from which the kind inherits, are left out.
     """
-    inherited = {each.name for each in options_of(beyond)} if beyond else set()
-    values = [(each, getattr(request, each.name)) for each in options_of(kind) if each.name not in inherited]
-    return [(each, value) for each, value in values if value != each.default]
+    inherited = {option.name for option in options_of(beyond)} if beyond else set()
+    values = [(option, getattr(request, option.name)) for option in options_of(kind) if option.name not in inherited]
+    return [(option, value) for option, value in values if value != option.default]
 
 
 def words(request: Any, kind: type, beyond: type | None = None) -> list[str]:
     """The options of the command that ask for the same, as :func:`changed` has them."""
-    return [word for each, value in changed(request, kind, beyond) for word in _words_of(each, value)]
+    return [word for option, value in changed(request, kind, beyond) for word in _words_of(option, value)]
 
 
 def _words_of(option: Option, value: Any) -> Iterator[str]:
     if option.kind is FLAG:
         yield option.flag
         return
-    for each in value.items() if isinstance(value, Mapping) else (value,):
-        text = option.kind.write(each)
+    for item in value.items() if isinstance(value, Mapping) else (value,):
+        text = option.kind.write(item)
         # argparse takes a text that begins with a minus for an option
         yield from [f"{option.flag}={text}"] if text[:1] == "-" else [option.flag, text]
 
 
 def keywords(request: Any, kind: type) -> dict[str, Any]:
     """The keywords of the package's function that ask for the same."""
-    return {each.name: value for each, value in changed(request, kind) if each.keyword}
+    return {option.name: value for option, value in changed(request, kind) if option.keyword}

@@ -39,8 +39,8 @@ def _template(name: str) -> jinja2.Template:
     import markupsafe
 
     loader, undefined = jinja2.PackageLoader("nablahog.viz"), jinja2.StrictUndefined
-    made = jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)
-    made.filters |= {
+    environment = jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)
+    environment.filters |= {
         "png": png,
         "text": lambda name: markupsafe.Markup(_text(name)),
         "inner": _inner,
@@ -48,12 +48,12 @@ def _template(name: str) -> jinja2.Template:
         "table": _table,
         "sortable": _key,
     }
-    made.tests |= {
+    environment.tests |= {
         "cell": lambda value: isinstance(value, Cell),
         "panel": lambda value: isinstance(value, Panel),
         "long": lambda value: isinstance(value, str) and len(value) > LONG,
     }
-    return made.get_template(name)
+    return environment.get_template(name)
 
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -215,8 +215,8 @@ def page(
 
 def footer(figures: str, settings: str = "") -> str:
     """The versions that made a page, the settings of the run, as ", seed 0", and the files that have its figures."""
-    made = f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
-    return f"{made} All figures, with their full precision, are in {figures}."
+    versions = f"Made by nablahog {version('nablahog')} with PyTorch {torch.__version__}{settings}."
+    return f"{versions} All figures, with their full precision, are in {figures}."
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ def app(arguments: Namespace) -> None:
     token = None if arguments.host in LOOPBACK else secrets.token_urlsafe(24)
     shown = f"[{arguments.host}]" if ":" in arguments.host else arguments.host
     hosts = frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
-    made = make_app(AccessRules(hosts, token), photographs)
+    page = make_app(AccessRules(hosts, token), photographs)
     query = "" if token is None else f"?token={token}"
     say(f"The page is at http://{shown}:{port}/{query} until Ctrl-C")
     config = uvicorn.Config(
-        made, log_level="error", ws="websockets-sansio", ws_max_size=2**16, timeout_graceful_shutdown=2
+        page, log_level="error", ws="websockets-sansio", ws_max_size=2**16, timeout_graceful_shutdown=2
     )
     uvicorn.Server(config).run([listening])

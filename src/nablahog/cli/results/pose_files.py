@@ -84,11 +84,11 @@ class PosedObject:
 
 def names(objects: Sequence[ListedObject], pages: bool) -> list[str]:
     """The names of the files that :func:`write` leaves."""
-    return ["poses.csv", "poses.json", "index.html", *(_page_name(one) for one in objects if pages)]
+    return ["poses.csv", "poses.json", "index.html", *(_page_name(posed) for posed in objects if pages)]
 
 
-def _page_name(one: ListedObject) -> str:
-    return f"object_{one.id}.html"
+def _page_name(posed: ListedObject) -> str:
+    return f"object_{posed.id}.html"
 
 
 def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float) -> None:
@@ -97,7 +97,7 @@ def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float)
         "poses.csv": as_csv(objects),
         "poses.json": json.dumps(as_json(objects), indent=1, allow_nan=False) + "\n",
         "index.html": _page(objects, least_confidence),
-        **{_page_name(one.listed): one.page for one in objects if one.page is not None},
+        **{_page_name(posed.listed): posed.page for posed in objects if posed.page is not None},
     }
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -114,35 +114,35 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
     columns = ["image", "id", *_SIDES, *figures, "refused", *matrix, "error"]
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
-    for one in objects:
-        row: dict[str, Any] = {"image": one.listed.image, "id": one.listed.id, "error": one.failure}
-        row |= dict(zip(_SIDES, one.figures.get("box", one.listed.box) or (), strict=False))
-        if one.figures:
-            row |= {name: one.figures[name] for name in figures}
-            row |= dict(zip(matrix, chain(*one.figures["matrix"][:3]), strict=True))
-            row["refused"] = one.refused
+    for posed in objects:
+        row: dict[str, Any] = {"image": posed.listed.image, "id": posed.listed.id, "error": posed.failure}
+        row |= dict(zip(_SIDES, posed.figures.get("box", posed.listed.box) or (), strict=False))
+        if posed.figures:
+            row |= {name: posed.figures[name] for name in figures}
+            row |= dict(zip(matrix, chain(*posed.figures["matrix"][:3]), strict=True))
+            row["refused"] = posed.refused
         writer.writerow({name: guarded(value) if isinstance(value, str) else value for name, value in row.items()})
     return out.getvalue()
 
 
 def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
     """All figures, ready for JSON, in COCO's form: images, categories, which are models, and annotations."""
-    posed = [one for one in objects if one.figures]
-    images = {name: k for k, name in enumerate(dict.fromkeys(one.listed.image for one in objects), 1)}
-    sizes = {one.listed.image: one.figures["image_size"] for one in posed}
-    models = {name: k for k, name in enumerate(sorted({one.figures["model"] for one in posed}), 1)}
+    found = [posed for posed in objects if posed.figures]
+    images = {name: k for k, name in enumerate(dict.fromkeys(posed.listed.image for posed in objects), 1)}
+    sizes = {posed.listed.image: posed.figures["image_size"] for posed in found}
+    models = {name: k for k, name in enumerate(sorted({posed.figures["model"] for posed in found}), 1)}
     annotations = []
-    for one in posed:
-        x0, y0, x1, y1 = one.figures["box"]
+    for posed in found:
+        x0, y0, x1, y1 = posed.figures["box"]
         annotation = {
-            "id": one.listed.id,
-            "image_id": images[one.listed.image],
-            "category_id": models[one.figures["model"]],
+            "id": posed.listed.id,
+            "image_id": images[posed.listed.image],
+            "category_id": models[posed.figures["model"]],
             "bbox": [x0, y0, x1 - x0, y1 - y0],
             "area": (x1 - x0) * (y1 - y0),
             "iscrowd": 0,
-            **{name: value for name, value in one.figures.items() if name not in ("image_size", "box")},
-            "refused": one.refused,
+            **{name: value for name, value in posed.figures.items() if name not in ("image_size", "box")},
+            "refused": posed.refused,
         }
         annotations.append(annotation)
     return {
@@ -154,9 +154,9 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
         "categories": [{"id": k, "name": name} for name, k in models.items()],
         "annotations": annotations,
         "failed": [
-            {"id": one.listed.id, "file_name": one.listed.image, "error": one.failure}
-            for one in objects
-            if not one.figures
+            {"id": posed.listed.id, "file_name": posed.listed.image, "error": posed.failure}
+            for posed in objects
+            if not posed.figures
         ],
         "definitions": DEFINITIONS,
     }
@@ -167,28 +167,30 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
     return [
         {
-            "image": one.listed.image,
-            "object": one.listed.id,
-            **{name: one.figures.get(name) for name in shown},
-            **({"azimuth": "any"} if one.figures.get("any_azimuth") else {}),
+            "image": posed.listed.image,
+            "object": posed.listed.id,
+            **{name: posed.figures.get(name) for name in shown},
+            **({"azimuth": "any"} if posed.figures.get("any_azimuth") else {}),
         }
-        for one in objects
+        for posed in objects
     ]
 
 
 def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     panels = []
-    for one in objects[:SHOWN]:
-        if one.picture is not None:
-            name = f"{one.listed.image}, {one.listed.id}"
-            panels.append(Panel(one.picture / 255, name, f"The object with the outline of {one.figures['model']}"))
+    for posed in objects[:SHOWN]:
+        if posed.picture is not None:
+            name = f"{posed.listed.image}, {posed.listed.id}"
+            panels.append(Panel(posed.picture / 255, name, f"The object with the outline of {posed.figures['model']}"))
     doubtful = [
-        {"image": one.listed.image, "object": one.listed.id, "why": one.figures["warning"]}
-        for one in objects
-        if one.figures.get("warning")
+        {"image": posed.listed.image, "object": posed.listed.id, "why": posed.figures["warning"]}
+        for posed in objects
+        if posed.figures.get("warning")
     ]
     failed = [
-        {"image": one.listed.image, "object": one.listed.id, "why": one.failure} for one in objects if not one.figures
+        {"image": posed.listed.image, "object": posed.listed.id, "why": posed.failure}
+        for posed in objects
+        if not posed.figures
     ]
     first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
@@ -196,7 +198,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
         html.Section("Doubtful poses", "Poses that may mean nothing, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
-    refused = sum(one.refused for one in objects)
+    refused = sum(posed.refused for posed in objects)
     lead = f"{LEAD} With a confidence below {least_confidence:g}: {refused} of {len(objects)}."
     definitions = {name: text for name, text in DEFINITIONS.items() if name in rows(objects[:1])[0]}
     return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))
