@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import taps
-from nablahog.hog.kernels.plan import Plan
+from nablahog.hog.kernels.tables import ImageTables
 from nablahog.hog.steps import histograms_reference
 from nablahog.hog.taps import pooling_axes
 
@@ -71,8 +71,8 @@ def test_tables_are_proportional_to_the_sides(name: str) -> None:
     def sizes(side: int) -> list[int]:
         shape = torch.Size((channels, side, side))
         return [
-            _bytes(Plan(s, (channels, side, side), torch.float32)._alive),
-            _bytes(triton.plan(s, shape, torch.float32, torch.float32, CPU)),
+            _bytes(ImageTables(s, (channels, side, side), torch.float32)._alive),
+            _bytes(triton.make_tables(s, shape, torch.float32, torch.float32, CPU)),
             _bytes(pooling_axes(s, side, side, torch.empty(0))),
         ]
 

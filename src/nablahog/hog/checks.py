@@ -14,11 +14,11 @@ _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]]
 """For each class, the type and check of each field; read once, since torch.compile cannot trace the reading."""
 
 
-def check_fields(part: object, *others: str) -> None:
+def check_fields(part: object, *unchecked: str) -> None:
     """Checks the fields of a frozen dataclass by their types; lists become tuples, and integers floats.
 
     A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of types other than these, literals
-    and truth values are left to the class, and so are the ``others``.
+    and truth values are left to the class, and so are the ``unchecked``.
     """
     if type(part) not in _CHECKS:
         hints = get_type_hints(type(part)).items()
@@ -26,7 +26,7 @@ def check_fields(part: object, *others: str) -> None:
     for field, (kind, check) in _CHECKS[type(part)].items():
         value = _plain(getattr(part, field))
         object.__setattr__(part, field, value)
-        if check and field not in others:
+        if check and field not in unchecked:
             check(field, value)
         if kind is float and type(value) is int:
             object.__setattr__(part, field, float(value))

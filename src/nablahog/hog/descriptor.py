@@ -194,12 +194,12 @@ def _join_colours(cells: Tensor, spec: HOGSpec) -> Tensor:
     return cells.reshape(-1, spec.colours * spec.bins, *cells.shape[2:])
 
 
-def normalize(of_cells: Tensor, spec: HOGSpec) -> Tensor:
+def normalize(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The normaliser, Eq. 7: histograms (B, colours · bins, rows, cols) to (B, ``spec.channels``, rows, cols)."""
-    norm = _choose_engine(of_cells, spec, "auto").norm
-    if norm is None or is_traced(of_cells):
-        return normalize_reference(of_cells, spec)
-    cells = of_cells.reshape(-1, spec.bins, *of_cells.shape[2:]).permute(0, 2, 3, 1)
+    norm = _choose_engine(histograms, spec, "auto").norm
+    if norm is None or is_traced(histograms):
+        return normalize_reference(histograms, spec)
+    cells = histograms.reshape(-1, spec.bins, *histograms.shape[2:]).permute(0, 2, 3, 1)
     descriptors = apply(norm, cells, spec.single_colour).permute(0, 3, 1, 2)
     return descriptors.reshape(-1, spec.channels, *descriptors.shape[2:])
 
@@ -228,8 +228,8 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
 def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     """Tangents of the cells (B, colours · bins, rows, cols) from those of the images (B, C, H, W)."""
     if spec.colour == "separate":
-        both = separate_colours(images), separate_colours(tangents)
-        return _join_colours(histograms_jvp(*both, spec.single_colour), spec)
+        images, tangents = separate_colours(images), separate_colours(tangents)
+        return _join_colours(histograms_jvp(images, tangents, spec.single_colour), spec)
     step = kernels.engine_of(spec).cells if images.is_cpu else None
     if step is not None:
         return run_jvp(step, images.detach(), tangents, spec).permute(0, 3, 1, 2)

@@ -45,8 +45,10 @@ def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]
 def of_nearest_cells(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Entries (B, n, …) of :func:`cell_entries` for all cells of an image: missing ones are the nearest cell's."""
     for axis, covered in enumerate(covered_cells(spec, size)):
-        known, cells = covered.nonzero().squeeze(1), torch.arange(len(covered), device="cpu")
-        nearest = known[(cells.unsqueeze(1) - known).abs().argmin(dim=1)] - spec.normalizer.footprint(axis).margin
+        described, cells = covered.nonzero().squeeze(1), torch.arange(len(covered), device="cpu")
+        nearest = (
+            described[(cells.unsqueeze(1) - described).abs().argmin(dim=1)] - spec.normalizer.footprint(axis).margin
+        )
         entries = entries.index_select(2 + axis, nearest.to(entries.device))
     return entries
 
@@ -82,8 +84,8 @@ class CellAlignment:
         """The dialect's cells (B, bins, rows, cols) to tiling cells."""
         if self.same:
             return histograms
-        some = self.weights > 0  # a cell in a ring that casts no votes has none
-        alike = torch.where(some, histograms / torch.where(some, self.weights, 1), 0)
+        has_votes = self.weights > 0  # a cell in a ring that casts no votes has none
+        alike = torch.where(has_votes, histograms / torch.where(has_votes, self.weights, 1), 0)
         if not self.blocks:
             return alike
         return self._summed(alike) / self._summed(torch.ones_like(alike[:1, :1])).clamp(min=1)
@@ -94,7 +96,7 @@ class CellAlignment:
             return histograms
         return (histograms[:, :, self.rows][..., self.cols] if self.blocks else histograms) * self.weights
 
-    def _summed(self, of_blocks: Tensor) -> Tensor:
-        batch, bins, _, cols = of_blocks.shape
-        rows = of_blocks.new_zeros(batch, bins, self.shape[0], cols).index_add(2, self.rows, of_blocks)
+    def _summed(self, block_cells: Tensor) -> Tensor:
+        batch, bins, _, cols = block_cells.shape
+        rows = block_cells.new_zeros(batch, bins, self.shape[0], cols).index_add(2, self.rows, block_cells)
         return rows.new_zeros(batch, bins, *self.shape).index_add(3, self.cols, rows)

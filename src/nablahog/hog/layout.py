@@ -30,8 +30,8 @@ def _arrangement(spec: HOGSpec, rows: int, cols: int) -> _Arrangement:
     if spec.layout == "planes":
         return _Arrangement((rows, cols, channels), (2, 0, 1), (channels, rows, cols))
     if spec.layout == "colour-planes":
-        each = channels // COLOURS
-        return _Arrangement((rows, cols, COLOURS, each), (2, 3, 0, 1), (COLOURS, each, rows, cols))
+        bins = channels // COLOURS
+        return _Arrangement((rows, cols, COLOURS, bins), (2, 3, 0, 1), (COLOURS, bins, rows, cols))
     if spec.layout == "tokens":
         if rows % PATCH or cols % PATCH:
             raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")

@@ -50,12 +50,15 @@ class HOGLoss(nn.Module):
         Raises:
             TypeError, ValueError: they are not tensors of one shape, or :func:`hog` does not take them.
         """
-        shape, other = (each.shape if isinstance(each, Tensor) else type(each).__name__ for each in (images, targets))
-        if shape != other or isinstance(shape, str):
-            raise ValueError(f"images and targets must be tensors (B, C, H, W) of one shape, got {shape} and {other}")
-        own, others = (hog(each.float() if each.dtype in HALVES else each, self.spec) for each in (images, targets))
-        size = others.square().sum((1, 2, 3))
-        losses = (own - others).square().sum((1, 2, 3)) / torch.where(size > 0, size, others[0].numel())
+        pair = images, targets
+        shape, target_shape = (x.shape if isinstance(x, Tensor) else type(x).__name__ for x in pair)
+        if shape != target_shape or isinstance(shape, str):
+            raise ValueError(
+                f"images and targets must be tensors (B, C, H, W) of one shape, got {shape} and {target_shape}"
+            )
+        descriptors, expected = (hog(x.float() if x.dtype in HALVES else x, self.spec) for x in pair)
+        size = expected.square().sum((1, 2, 3))
+        losses = (descriptors - expected).square().sum((1, 2, 3)) / torch.where(size > 0, size, expected[0].numel())
         return losses if self.reduction == "none" else getattr(losses, self.reduction)()
 
     def extra_repr(self) -> str:

@@ -138,14 +138,14 @@ def vlfeat_weights(gx: Tensor, gy: Tensor, candidates: Tensor, spec: HOGSpec) ->
     cos, sin = torch.from_numpy(vlfeat_directions(spec)).to(x.device).unsqueeze(2).unsqueeze(3)
     dots = x.unsqueeze(1) * cos + y.unsqueeze(1) * sin
     best = dots.abs().max(dim=1, keepdim=True)
-    others = dots.abs().scatter(1, best.indices, -1.0)
-    second = others.max(dim=1, keepdim=True).indices
+    without_best = dots.abs().scatter(1, best.indices, -1.0)
+    second = without_best.max(dim=1, keepdim=True).indices
     cosine = (best.values / length.unsqueeze(1)).clamp(max=1).float()
-    of_second = (in_float64(torch.acos(cosine)) / (math.pi / axes)).float()
+    share = (in_float64(torch.acos(cosine)) / (math.pi / axes)).float()
     nearest, next_ = best.indices, second
     if spec.signed:
         nearest, next_ = (torch.where(dots.gather(1, k) < 0, k + axes, k) for k in (nearest, next_))
-    weights: Tensor = (candidates == nearest) * (1 - of_second) + (candidates == next_) * of_second
+    weights: Tensor = (candidates == nearest) * (1 - share) + (candidates == next_) * share
     return weights.to(gx.dtype)
 
 

@@ -193,7 +193,7 @@ class HOGSpec:
         rows, cols = along[0].count(cells[0]), along[1].count(cells[1])
         if rows < 1 or cols < 1:
             least = f"{along[0].cells(1)}x{along[1].cells(1)}"
-            left_out = any(each.margin for each in along)
+            left_out = any(footprint.margin for footprint in along)
             raise ValueError(
                 f"an image of {height}x{width} pixels (height x width) has {cells[0]}x{cells[1]} cells, too few for "
                 f"{self.named} descriptor: "
@@ -217,11 +217,11 @@ class HOGSpec:
 
     def check_same(self, other: HOGSpec, learned: str) -> None:
         """Raises ValueError if ``other`` is not this dialect, for which ``learned`` was learned."""
-        for each in dataclasses.fields(self):
-            ours, theirs = getattr(self, each.name), getattr(other, each.name)
-            if each.name not in ("name", "layout", "derivative") and ours != theirs:  # these three change no entry
+        for attribute in dataclasses.fields(self):
+            ours, theirs = getattr(self, attribute.name), getattr(other, attribute.name)
+            if attribute.name not in ("name", "layout", "derivative") and ours != theirs:  # these three change no entry
                 raise ValueError(
-                    f"{learned} was learned for another spec: its {each.name} is {ours!r}, "
+                    f"{learned} was learned for another spec: its {attribute.name} is {ours!r}, "
                     f"the {other.name} descriptor's {theirs!r}"
                 )
 

@@ -49,9 +49,9 @@ def histograms_reference(images: Tensor, spec: HOGSpec) -> Tensor:
 
 def normalize_reference(histograms: Tensor, spec: HOGSpec) -> Tensor:
     """The spec's normaliser: cell histograms (B, colours · bins, rows, cols) to (B, ``spec.channels``, rows, cols)."""
-    each = histograms.reshape(-1, spec.bins, *histograms.shape[2:])
+    cells = histograms.reshape(-1, spec.bins, *histograms.shape[2:])
     with torch.autocast(histograms.device.type, enabled=False):
-        descriptor = spec.normalizer.normalize(each, spec.signed)
+        descriptor = spec.normalizer.normalize(cells, spec.signed)
     return descriptor.reshape(-1, spec.channels, *descriptor.shape[2:])
 
 
@@ -68,5 +68,5 @@ def merge_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
 def split_colours(descriptors: Tensor, spec: HOGSpec) -> Tensor:
     """The inverse of :func:`merge_colours`."""
     batch, rows, cols, channels = descriptors.shape
-    each = descriptors.reshape(batch, rows, cols, spec.colours, channels // spec.colours)
-    return each.movedim(3, 1).flatten(0, 1)
+    colours = descriptors.reshape(batch, rows, cols, spec.colours, channels // spec.colours)
+    return colours.movedim(3, 1).flatten(0, 1)

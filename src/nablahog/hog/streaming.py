@@ -97,7 +97,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) ->
     double = reader.stored == np.float64 or (reader.stored == np.uint8 and torch.get_default_dtype() == torch.float64)
     strips = Strips(spec, height, width, torch.float64 if double else torch.float32)
     rows = memory // _bytes_of_row(spec, reader, 8 if double else 4)
-    return _strips(reader, spec, list(strips.of(max((rows - strips.margin) // strips.apart, 1))))
+    return _strips(reader, spec, list(strips.split(max((rows - strips.margin) // strips.apart, 1))))
 
 
 class _Reader:

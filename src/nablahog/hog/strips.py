@@ -18,10 +18,10 @@ from typing import NamedTuple
 import torch
 
 from .kernels import supports
-from .kernels.plan import pooling_stretches
+from .kernels.tables import pooling_stretches
 from .spec import HOGSpec
 
-_STEPS = 96  # of an image that is tall enough to see how its bands repeat
+_SPACINGS = 96  # of an image that is tall enough to see how its bands repeat
 
 
 class Span(NamedTuple):
@@ -83,7 +83,7 @@ class Strips:
         most = cells * self._step + self._before + self._after + self._unit
         self.margin = most + self._bands.settled + self._below
 
-    def of(self, rows: int) -> Iterator[Strip]:
+    def split(self, rows: int) -> Iterator[Strip]:
         """All strips from the top, of about ``rows`` rows, at least 1; rounded so that most crops are of one size."""
         even = self._unit // math.gcd(self._unit, self.apart)
         rows = max(rows // even * even, min(rows, even))
@@ -91,9 +91,9 @@ class Strips:
 
     def _strip(self, rows: Span) -> Strip:
         cells, before = self._needed(rows)
-        steps = Span(cells.start // self._at_once, -(-cells.stop // self._at_once))
-        start = max(steps.start * self._step - self._before - self._bands.settled, 0) // self._unit * self._unit
-        stop = (steps.stop - 1) * self._step + self._after + self._below
+        spacings = Span(cells.start // self._at_once, -(-cells.stop // self._at_once))
+        start = max(spacings.start * self._step - self._before - self._bands.settled, 0) // self._unit * self._unit
+        stop = (spacings.stop - 1) * self._step + self._after + self._below
         stop = min(-(-stop // self._step) * self._step, self._height)
         first = start // self._step * self._at_once
         return Strip(rows, Span(start, stop), Span(cells.start - first, cells.stop - first), before)
@@ -114,7 +114,7 @@ def _bands(spec: HOGSpec, width: int, dtype: torch.dtype) -> _Bands:
     step, reach = spec.pooling.spacing(cell, 0).step, spec.pooling.reach(cell, 0)[1]
     if not supports(spec):
         return _Bands(step, 1, 1)  # plain steps have no bands
-    height = _STEPS * step + 16 * reach
+    height = _SPACINGS * step + 16 * reach
     rows = pooling_stretches(spec, height, width, dtype)[0]
     bands = [(int(start), int(stop)) for start, stop, _ in rows.limits]
     longest = max(stop - start for start, stop in bands)

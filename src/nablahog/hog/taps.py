@@ -131,10 +131,10 @@ class PixelCells:
         self._first, weights = taps.first.numpy(), taps.weights.numpy()
         cell = self._first[:, np.newaxis] + np.arange(weights.shape[1])
         self._weights = np.where((cell >= 0) & (cell < cells), weights, 0)
-        some = self._weights != 0
-        voting = some.any(axis=1)
-        self.first = np.where(voting, self._first + some.argmax(axis=1), 0)
-        self.stop = np.where(voting, self._first + some.shape[1] - some[:, ::-1].argmax(axis=1), 0)
+        is_vote = self._weights != 0
+        voting = is_vote.any(axis=1)
+        self.first = np.where(voting, self._first + is_vote.argmax(axis=1), 0)
+        self.stop = np.where(voting, self._first + is_vote.shape[1] - is_vote[:, ::-1].argmax(axis=1), 0)
 
     @property
     def voting(self) -> NDArray[np.int64]:
@@ -149,8 +149,8 @@ class PixelCells:
     def weights(self, pixel: NDArray[np.int64], cell: NDArray[np.int64]) -> NDArray[Any]:
         """Weights of pixels in cells, broadcast together; 0 where there is no such cell."""
         tap = cell - self._first[pixel]
-        there = (tap >= 0) & (tap < self._weights.shape[1])
-        return np.where(there, self._weights[pixel, np.where(there, tap, 0)], 0)
+        has_tap = (tap >= 0) & (tap < self._weights.shape[1])
+        return np.where(has_tap, self._weights[pixel, np.where(has_tap, tap, 0)], 0)
 
 
 def pixel_cells(spec: HOGSpec, height: int, width: int, dtype: torch.dtype) -> tuple[PixelCells, PixelCells]:

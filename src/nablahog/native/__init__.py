@@ -74,8 +74,8 @@ available._dynamo_marked_constant = True  # type: ignore[attr-defined]
 def changed_since(core: Path) -> list[str]:
     """The sources that are newer than a library; an installed package has none."""
     built = core.stat().st_mtime
-    sources = (each for each in os.scandir(_SOURCES) if each.name.endswith((".cpp", ".h")))
-    return sorted(each.name for each in sources if each.stat().st_mtime > built)
+    sources = (file for file in os.scandir(_SOURCES) if file.name.endswith((".cpp", ".h")))
+    return sorted(file.name for file in sources if file.stat().st_mtime > built)
 
 
 def _build_again(core: Path) -> None:
@@ -125,14 +125,14 @@ def array(*dtypes: type[np.generic]) -> Any:
 
     Tensors on a CPU are taken, too.
     """
-    allowed = frozenset(np.dtype(each) for each in dtypes)
-    of_tensors = frozenset(getattr(torch, each.name) for each in allowed)
+    allowed = frozenset(map(np.dtype, dtypes))
+    tensor_dtypes = frozenset(getattr(torch, dtype.name) for dtype in allowed)
 
     class Address:
         @staticmethod
         def from_param(value: Any) -> ctypes.c_void_p:
             if isinstance(value, Tensor):
-                if value.dtype in of_tensors and value.is_contiguous() and value.is_cpu:
+                if value.dtype in tensor_dtypes and value.is_contiguous() and value.is_cpu:
                     return ctypes.c_void_p(value.data_ptr())
             elif value.dtype in allowed and value.flags.c_contiguous:
                 return ctypes.c_void_p(_address(value))

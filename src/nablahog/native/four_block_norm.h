@@ -12,16 +12,16 @@ class FourBlockNorm final : public Normalizer<T> {
  public:
   using V = Vec<T>;
 
-  FourBlockNorm(const nablahog_plan& plan, Workspace& work)
-      : constants_(plan.constants),
+  FourBlockNorm(const nablahog_tables& tables, Workspace& work)
+      : constants_(tables.constants),
         epsilon_(T(constants_.epsilon)),
         clip_(T(constants_.clip)),
         texture_(T(constants_.texture)),
-        bins_(plan.bins),
+        bins_(tables.bins),
         axes_(constants_.is_signed ? bins_ / 2 : bins_),
-        rows_(plan.rows.cells),
-        cols_(plan.cols.cells),
-        channels_(plan.out_channels),
+        rows_(tables.rows.cells),
+        cols_(tables.cols.cells),
+        channels_(tables.out_channels),
         energies_{work.zeros<T>(rows_ * cols_), work.zeros<T>(rows_ * cols_)},
         factors_{work.zeros<T>((rows_ + 1) * (cols_ + 1)), work.zeros<T>((rows_ + 1) * (cols_ + 1))},
         grad_factors_(work.zeros<T>((rows_ + 1) * (cols_ + 1))),

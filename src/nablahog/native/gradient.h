@@ -5,21 +5,21 @@
 #pragma once
 
 #include "dual.h"
-#include "plan.h"
+#include "tables.h"
 #include "workspace.h"
 
 namespace nablahog {
 
 struct Images {
-  const void* pixels;  // of the dtype in the plan
+  const void* pixels;  // of the dtype in the tables
   int64_t strides[4];  // in elements: from image to image, channel, row, column
 };
 
-// Calls body(the first pixel of a row) with a pointer to the dtype in the plan.
+// Calls body(the first pixel of a row) with a pointer to the dtype in the tables.
 template <class F>
-void with_row(const nablahog_plan& plan, const Images& images, int64_t image, int64_t channel, int64_t y, F body) {
+void with_row(const nablahog_tables& tables, const Images& images, int64_t image, int64_t channel, int64_t y, F body) {
   const int64_t at = image * images.strides[0] + channel * images.strides[1] + y * images.strides[2];
-  switch (plan.pixels) {
+  switch (tables.pixels) {
     case NABLAHOG_UINT8:
       return body(static_cast<const uint8_t*>(images.pixels) + at);
     case NABLAHOG_FLOAT32:
@@ -50,9 +50,9 @@ struct Lines {
 
 // The derivative of the root of a stored value; 0 for black
 template <class T>
-T root_slope(const nablahog_plan& plan, T stored) {
-  const T scale = T(plan.scale), value = scale * stored;
-  return value <= T(plan.black) ? T(0) : scale * T(0.5) / std::sqrt(value);
+T root_slope(const nablahog_tables& tables, T stored) {
+  const T scale = T(tables.scale), value = scale * stored;
+  return value <= T(tables.black) ? T(0) : scale * T(0.5) / std::sqrt(value);
 }
 
 // Reads rows of images from the first to the last.  P is T*, or DualPointer<T> if pixels have tangents.
@@ -64,23 +64,23 @@ class Reader {
   using V = typename Pointee<P>::Vector;
 
   // `tangents`: T (images, channels, height, width)
-  Reader(const nablahog_plan& plan, const Images& images, const T* tangents, Workspace& work)
-      : channels(plan.averaged ? 1 : plan.channels),
-        plan_(plan),
+  Reader(const nablahog_tables& tables, const Images& images, const T* tangents, Workspace& work)
+      : channels(tables.averaged ? 1 : tables.channels),
+        tables_(tables),
         images_(images),
         tangents_(tangents),
-        size_(line_size<T>(plan.width)),
+        size_(line_size<T>(tables.width)),
         ring_(lines(work, channels * 3)),
         constant_(lines(work, 1)),
         current_(work.zeros<Lines<P>>(channels)),
-        last_wins_(static_cast<const I*>(plan.last_wins)) {
-    if (plan.border == NABLAHOG_CONSTANT) {
-      for (int64_t x = -1; x <= plan.width; ++x)
+        last_wins_(static_cast<const I*>(tables.last_wins)) {
+    if (tables.border == NABLAHOG_CONSTANT) {
+      for (int64_t x = -1; x <= tables.width; ++x)
         put(constant_, x, constant<typename Pointee<P>::Scalar>(border_value()));
     }
-    if (plan.border_doubled) {
+    if (tables.border_doubled) {
       doubled_ = work.zeros<T>(size_);
-      for (int64_t x = 0; x < plan.width; ++x) doubled_[x] = x == 0 || x == plan.width - 1 ? 2 : 1;
+      for (int64_t x = 0; x < tables.width; ++x) doubled_[x] = x == 0 || x == tables.width - 1 ? 2 : 1;
     }
   }
 
@@ -98,8 +98,8 @@ class Reader {
 
   // Lines for the gradients of row y, for each channel
   const Lines<P>* lines_at(int64_t y) {
-    read_until(y + 2 < plan_.height ? y + 2 : plan_.height);
-    row_factor_ = plan_.border_doubled && (y == 0 || y == plan_.height - 1) ? 2 : 1;
+    read_until(y + 2 < tables_.height ? y + 2 : tables_.height);
+    row_factor_ = tables_.border_doubled && (y == 0 || y == tables_.height - 1) ? 2 : 1;
     for (int64_t channel = 0; channel < channels; ++channel) current_[channel] = lines_of(channel, y);
     return current_;
   }
@@ -140,16 +140,16 @@ class Reader {
     }
   }
 
-  T border_value() const { return T(plan_.border_value); }
+  T border_value() const { return T(tables_.border_value); }
   P line(int64_t channel, int64_t y) const { return ring_ + (channel * 3 + y % 3) * size_; }
 
   Lines<P> lines_of(int64_t channel, int64_t y) const {
-    const bool first = y == 0, last = y == plan_.height - 1;
+    const bool first = y == 0, last = y == tables_.height - 1;
     const P here = line(channel, y);
     if (first && last) return {here, here, here};
     const P above = first ? here : line(channel, y - 1), below = last ? here : line(channel, y + 1);
-    if (plan_.border == NABLAHOG_REPEAT) return {above, here, below};
-    const bool mirror = plan_.border == NABLAHOG_MIRROR;
+    if (tables_.border == NABLAHOG_REPEAT) return {above, here, below};
+    const bool mirror = tables_.border == NABLAHOG_MIRROR;
     return {first ? (mirror ? below : constant_) : above, here, last ? (mirror ? above : constant_) : below};
   }
 
@@ -158,7 +158,7 @@ class Reader {
     const auto across = [x](P line) { return load_vector(line + (x + 1)) - load_vector(line + (x - 1)); };
     const auto down = [&rows](int64_t at) { return load_vector(rows.below + at) - load_vector(rows.above + at); };
     V u = across(rows.here), v = down(x);
-    if (plan_.sobel) {
+    if (tables_.sobel) {
       u = across(rows.above) + times(u, T(2)) + across(rows.below);
       v = down(x - 1) + times(v, T(2)) + down(x + 1);
     }
@@ -174,19 +174,19 @@ class Reader {
   }
 
   void read(int64_t y) {
-    for (int64_t channel = 0; channel < plan_.channels; ++channel) {
-      with_row(plan_, images_, image_, channel, y, [&](const auto* from) { read_channel(from, y, channel); });
+    for (int64_t channel = 0; channel < tables_.channels; ++channel) {
+      with_row(tables_, images_, image_, channel, y, [&](const auto* from) { read_channel(from, y, channel); });
     }
     for (int64_t channel = 0; channel < channels; ++channel) finish(line(channel, y));
   }
 
   template <class Stored>
   void read_channel(const Stored* from, int64_t y, int64_t channel) {
-    const P to = line(plan_.averaged ? 0 : channel, y);
+    const P to = line(tables_.averaged ? 0 : channel, y);
     const int64_t step = images_.strides[3];
     T* values = values_of(to);
     if constexpr (dual) {
-      const T* tangents = tangents_ + ((image_ * plan_.channels + channel) * plan_.height + y) * plan_.width;
+      const T* tangents = tangents_ + ((image_ * tables_.channels + channel) * tables_.height + y) * tables_.width;
       convert_tangents(from, step, tangents, to.tangent, channel);
     }
     if (step == 1) {
@@ -200,16 +200,16 @@ class Reader {
   template <class Stored, class Step>
   [[gnu::always_inline]] void convert(const Stored* __restrict from, Step step, T* __restrict to,
                                       int64_t channel) const {
-    const int64_t width = plan_.width;
-    const T scale = T(plan_.scale), weight = T(plan_.channel_weights[channel]), black = T(plan_.black);
-    const bool first = channel == 0 || !plan_.averaged;
-    if (plan_.square_root) {
+    const int64_t width = tables_.width;
+    const T scale = T(tables_.scale), weight = T(tables_.channel_weights[channel]), black = T(tables_.black);
+    const bool first = channel == 0 || !tables_.averaged;
+    if (tables_.square_root) {
       for (int64_t x = 0; x < width; ++x) {
         const T value = scale * T(from[x * step]);
         const T root = weight * (value <= black ? value * 0 + 0 : std::sqrt(value));  // NaN for -∞, 0 for other values
         to[x] = first ? root : to[x] + root;
       }
-    } else if (!plan_.averaged) {
+    } else if (!tables_.averaged) {
       for (int64_t x = 0; x < width; ++x) to[x] = scale * T(from[x * step]);
     } else if (first) {
       for (int64_t x = 0; x < width; ++x) to[x] = weight * (scale * T(from[x * step]));
@@ -220,10 +220,10 @@ class Reader {
 
   template <class Stored>
   void convert_tangents(const Stored* from, int64_t step, const T* tangents, T* __restrict to, int64_t channel) const {
-    const T scale = T(plan_.scale), weight = T(plan_.channel_weights[channel]);
-    const bool first = channel == 0 || !plan_.averaged;
-    for (int64_t x = 0; x < plan_.width; ++x) {
-      const T slope = plan_.square_root ? root_slope(plan_, T(from[x * step])) : scale;
+    const T scale = T(tables_.scale), weight = T(tables_.channel_weights[channel]);
+    const bool first = channel == 0 || !tables_.averaged;
+    for (int64_t x = 0; x < tables_.width; ++x) {
+      const T slope = tables_.square_root ? root_slope(tables_, T(from[x * step])) : scale;
       const T change = weight * slope * tangents[x];
       to[x] = first ? change : to[x] + change;
     }
@@ -231,19 +231,19 @@ class Reader {
 
   // Fills in the ghosts, and looks for values that are not finite
   void finish(P to) {
-    const int64_t width = plan_.width, last = width - 1;
+    const int64_t width = tables_.width, last = width - 1;
     const T* values = values_of(to);
     using Scalar = typename Pointee<P>::Scalar;
-    const bool mirror = plan_.border == NABLAHOG_MIRROR || width == 1, repeat = plan_.border == NABLAHOG_REPEAT;
+    const bool mirror = tables_.border == NABLAHOG_MIRROR || width == 1, repeat = tables_.border == NABLAHOG_REPEAT;
     const Scalar beyond = constant<Scalar>(border_value());
     put(to, -1, mirror ? get(to, width > 1) : repeat ? get(to, 0) : beyond);
     put(to, width, mirror ? get(to, last - (width > 1)) : repeat ? get(to, last) : beyond);
-    if (plan_.pixels != NABLAHOG_UINT8) {
+    if (tables_.pixels != NABLAHOG_UINT8) {
       for (int64_t x = 0; x < width; x += lanes<T>) broken_ += load<Vec<T>>(values + x) * T(0);
     }
   }
 
-  const nablahog_plan& plan_;
+  const nablahog_tables& tables_;
   const Images& images_;
   const T* tangents_;
   const int64_t size_;

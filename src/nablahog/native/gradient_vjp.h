@@ -11,11 +11,11 @@ class Writer {
   using V = Vec<T>;
   using I = Vec<Int<T>>;
 
-  Writer(const nablahog_plan& plan, const Images& images, Workspace& work)
-      : plan_(plan),
+  Writer(const nablahog_tables& tables, const Images& images, Workspace& work)
+      : tables_(tables),
         images_(images),
-        channels_(plan.averaged ? 1 : plan.channels),
-        size_(line_size<T>(plan.width)),
+        channels_(tables.averaged ? 1 : tables.channels),
+        size_(line_size<T>(tables.width)),
         grad_x_(work.zeros<T>(channels_ * 3 * size_) + lanes<T>),
         grad_y_(work.zeros<T>(channels_ * 3 * size_) + lanes<T>),
         values_(work.zeros<T>(size_)) {}
@@ -29,8 +29,8 @@ class Writer {
   // A row that does not vote
   void clear_row(int64_t y) {
     for (int64_t channel = 0; channel < channels_; ++channel) {
-      std::memset(x_line(channel, y), 0, plan_.width * sizeof(T));
-      std::memset(y_line(channel, y), 0, plan_.width * sizeof(T));
+      std::memset(x_line(channel, y), 0, tables_.width * sizeof(T));
+      std::memset(y_line(channel, y), 0, tables_.width * sizeof(T));
     }
   }
 
@@ -50,8 +50,8 @@ class Writer {
 
   // Once a row is complete: nothing is beyond its end, and differences across the border have their factor
   void finish_row(int64_t y) {
-    const int64_t width = plan_.width, height = plan_.height;
-    const T factor = plan_.border == NABLAHOG_MIRROR ? T(0) : plan_.border_doubled ? T(2) : T(1);
+    const int64_t width = tables_.width, height = tables_.height;
+    const T factor = tables_.border == NABLAHOG_MIRROR ? T(0) : tables_.border_doubled ? T(2) : T(1);
     for (int64_t channel = 0; channel < channels_; ++channel) {
       T *gx = x_line(channel, y), *gy = y_line(channel, y);
       store(gx + width, V{});
@@ -66,24 +66,24 @@ class Writer {
 
   // Gradients of row y of all channels, to `out` (channels, height, width), from the rows above, at and below it
   void write_row(int64_t y, T* out) {
-    for (int64_t channel = 0; channel < plan_.channels; ++channel) {
-      T* to = out + (channel * plan_.height + y) * plan_.width;
-      const T slope = T(plan_.channel_weights[channel]) * T(plan_.scale);
-      if (!plan_.averaged && !plan_.sobel && !plan_.square_root) {
+    for (int64_t channel = 0; channel < tables_.channels; ++channel) {
+      T* to = out + (channel * tables_.height + y) * tables_.width;
+      const T slope = T(tables_.channel_weights[channel]) * T(tables_.scale);
+      if (!tables_.averaged && !tables_.sobel && !tables_.square_root) {
         differences_vjp(channel, y, slope, to);
         continue;
       }
-      if (channel == 0 || !plan_.averaged) {
-        if (plan_.sobel) {
+      if (channel == 0 || !tables_.averaged) {
+        if (tables_.sobel) {
           sobel_vjp(channel, y, values_);
         } else {
           differences_vjp(channel, y, T(1), values_);
         }
       }
-      if (plan_.square_root) {
+      if (tables_.square_root) {
         roots_vjp(channel, y, to);
       } else {
-        for (int64_t x = 0; x < plan_.width; ++x) to[x] = slope * values_[x];
+        for (int64_t x = 0; x < tables_.width; ++x) to[x] = slope * values_[x];
       }
     }
   }
@@ -93,20 +93,20 @@ class Writer {
   T* y_line(int64_t channel, int64_t y) const { return grad_y_ + (channel * 3 + y % 3) * size_; }
 
   void differences_vjp(int64_t channel, int64_t y, T slope, T* __restrict to) const {
-    const int64_t width = plan_.width;
+    const int64_t width = tables_.width;
     const T *here = x_line(channel, y), *above = y_line(channel, y + 2), *below = y_line(channel, y + 1);
     for (int64_t x = 0; x < width; ++x) to[x] = slope * (here[x - 1] - here[x + 1] + above[x] - below[x]);
-    if (plan_.border != NABLAHOG_REPEAT) return;  // beyond the border is the outermost pixel itself
+    if (tables_.border != NABLAHOG_REPEAT) return;  // beyond the border is the outermost pixel itself
     const T* own = y_line(channel, y);
     to[0] -= slope * here[0];
     to[width - 1] += slope * here[width - 1];
     for (int64_t x = 0; x < width && y == 0; ++x) to[x] -= slope * own[x];
-    for (int64_t x = 0; x < width && y == plan_.height - 1; ++x) to[x] += slope * own[x];
+    for (int64_t x = 0; x < width && y == tables_.height - 1; ++x) to[x] += slope * own[x];
   }
 
   // Of smoothed differences of a mirrored image: the outermost rows and columns have one neighbour twice
   void sobel_vjp(int64_t channel, int64_t y, T* __restrict to) const {
-    const int64_t width = plan_.width, height = plan_.height;
+    const int64_t width = tables_.width, height = tables_.height;
     const T *x_here = x_line(channel, y), *x_above = x_line(channel, y + 2), *x_below = x_line(channel, y + 1);
     const T *y_above = y_line(channel, y + 2), *y_below = y_line(channel, y + 1);
     const T of_here = height == 1 ? 4 : 2, of_above = y == 1 ? 2 : 1, of_below = y == height - 2 ? 2 : 1;
@@ -126,15 +126,15 @@ class Writer {
 
   void roots_vjp(int64_t channel, int64_t y, T* to) const {
     const int64_t step = images_.strides[3];
-    const T weight = T(plan_.channel_weights[channel]);
-    with_row(plan_, images_, image_, channel, y, [&](const auto* from) {
-      for (int64_t x = 0; x < plan_.width; ++x) {
-        to[x] = weight * root_slope(plan_, T(from[x * step])) * values_[x];
+    const T weight = T(tables_.channel_weights[channel]);
+    with_row(tables_, images_, image_, channel, y, [&](const auto* from) {
+      for (int64_t x = 0; x < tables_.width; ++x) {
+        to[x] = weight * root_slope(tables_, T(from[x * step])) * values_[x];
       }
     });
   }
 
-  const nablahog_plan& plan_;
+  const nablahog_tables& tables_;
   const Images& images_;
   const int64_t channels_, size_;
   T *grad_x_, *grad_y_, *values_;

@@ -38,41 +38,41 @@ class Jvp {
   using V = Vec<T>;
   using I = Vec<Int<T>>;
 
-  Jvp(const nablahog_plan& plan, const Images& images, const T* tangents, Workspace& work)
-      : plan_(plan),
-        stride_(round_up(plan.width, lanes<T>)),
-        reader_(plan, images, tangents, work),
-        rule_(plan, work),
-        exact_(plan, work),
-        pooling_(plan, work),
+  Jvp(const nablahog_tables& tables, const Images& images, const T* tangents, Workspace& work)
+      : tables_(tables),
+        stride_(round_up(tables.width, lanes<T>)),
+        reader_(tables, images, tangents, work),
+        rule_(tables, work),
+        exact_(tables, work),
+        pooling_(tables, work),
         votes_(planes(work)),
         exact_votes_(Rule::inexact ? planes(work) : Planes<T>{}) {}
 
   // Tangents of the cells of an image.  Returns whether a pixel is not finite.
   bool cells(int64_t image, T* out) {
-    std::memset(out, 0, cells_size(plan_) * sizeof(T));
+    std::memset(out, 0, cells_size(tables_) * sizeof(T));
     reader_.begin(image, 0);
-    for (int64_t band = 0; band < plan_.rows.stretches; ++band) {
-      const Stretch rows = stretch(plan_.rows, band);
+    for (int64_t band = 0; band < tables_.rows.stretches; ++band) {
+      const Stretch rows = stretch(tables_.rows, band);
       for (int64_t y = rows.begin; y < rows.end; ++y) vote(y, (y - rows.begin) * stride_);
       pooling_.add_band(band, pooling_.template pool<Rule::hard ? 1 : 3>(band, votes_), out);
       if constexpr (Rule::inexact) pooling_.add_band(band, pooling_.template pool<3>(band, exact_votes_), out);
     }
-    reader_.read_until(plan_.height);
+    reader_.read_until(tables_.height);
     if (reader_.is_broken()) pooling_.clear();
     return reader_.is_broken();
   }
 
  private:
   Planes<T> planes(Workspace& work) const {
-    const int64_t size = stride_ * plan_.rows.longest + lanes<T>;
+    const int64_t size = stride_ * tables_.rows.longest + lanes<T>;
     return {work.zeros<T>(size), work.zeros<T>(size), work.zeros<T>(size), work.zeros<Int<T>>(size), stride_};
   }
 
   void vote(int64_t y, int64_t at) {
     const auto* lines = reader_.lines_at(y);
-    const V slope = splat<V>(T(plan_.slope));
-    for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
+    const V slope = splat<V>(T(tables_.slope));
+    for (int64_t x = 0; x < tables_.width; x += lanes<T>) {
       const auto g = reader_.gradients(lines, x);
       const V u = g.x.value, v = g.y.value, du = g.x.tangent, dv = g.y.tangent;
       const Votes<T> votes = rule_(u, v);
@@ -86,8 +86,8 @@ class Jvp {
       }
       keep(votes_, at + x, tangents, votes.bin);
     }
-    keep_nothing(votes_, at + plan_.width);
-    if constexpr (Rule::inexact) keep_nothing(exact_votes_, at + plan_.width);
+    keep_nothing(votes_, at + tables_.width);
+    if constexpr (Rule::inexact) keep_nothing(exact_votes_, at + tables_.width);
   }
 
   [[gnu::always_inline]] static void keep(const Planes<T>& to, int64_t at, VoteTangents<V> tangents, I bin) {
@@ -100,7 +100,7 @@ class Jvp {
     for (T* plane : {to.here, to.after, to.before}) store(plane + at, V{});
   }
 
-  const nablahog_plan& plan_;
+  const nablahog_tables& tables_;
   const int64_t stride_;
   Reader<DualPointer<T>> reader_;
   const Rule rule_;
@@ -111,13 +111,13 @@ class Jvp {
 
 // Tangents of descriptors or, if `cells` is null, of cells, from those of images (images, channels, height, width)
 template <class T, class Rule>
-void jvp(const nablahog_plan& plan, const Images& images, Range range, const T* tangents, const T* cells, T* out) {
+void jvp(const nablahog_tables& tables, const Images& images, Range range, const T* tangents, const T* cells, T* out) {
   thread_local Workspace work;
   work.clear();
-  Jvp<T, Rule> pass(plan, images, tangents, work);
-  const auto norm = cells ? make_normalizer<T>(plan, work) : nullptr;
-  const int64_t size = cells ? out_size(plan) : cells_size(plan);
-  T* cell_tangents = work.zeros<T>(cells ? cells_size(plan) : 0);
+  Jvp<T, Rule> pass(tables, images, tangents, work);
+  const auto norm = cells ? make_normalizer<T>(tables, work) : nullptr;
+  const int64_t size = cells ? out_size(tables) : cells_size(tables);
+  T* cell_tangents = work.zeros<T>(cells ? cells_size(tables) : 0);
   T* values = work.zeros<T>(cells ? size : 0);
   for (int64_t image = range.first; image < range.last; ++image) {
     T* to = out + image * size;
@@ -125,7 +125,7 @@ void jvp(const nablahog_plan& plan, const Images& images, Range range, const T* 
     if (broken) {
       fill_nan(to, size);
     } else if (cells) {
-      norm->jvp({cells + image * cells_size(plan), cell_tangents}, {values, to});
+      norm->jvp({cells + image * cells_size(tables), cell_tangents}, {values, to});
     }
   }
 }

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "dual.h"
-#include "plan.h"
+#include "tables.h"
 #include "workspace.h"
 
 namespace nablahog {

@@ -15,9 +15,11 @@ struct Range {
   int64_t first, last;
 };
 
-inline int64_t cells_size(const nablahog_plan& plan) { return plan.rows.cells * plan.cols.cells * plan.bins; }
-inline int64_t out_size(const nablahog_plan& plan) { return plan.out_rows * plan.out_cols * plan.out_channels; }
-inline int64_t image_size(const nablahog_plan& plan) { return plan.channels * plan.height * plan.width; }
+inline int64_t cells_size(const nablahog_tables& tables) { return tables.rows.cells * tables.cols.cells * tables.bins; }
+inline int64_t out_size(const nablahog_tables& tables) {
+  return tables.out_rows * tables.out_cols * tables.out_channels;
+}
+inline int64_t image_size(const nablahog_tables& tables) { return tables.channels * tables.height * tables.width; }
 
 template <class T>
 void fill_nan(T* to, int64_t count) {
@@ -25,13 +27,13 @@ void fill_nan(T* to, int64_t count) {
 }
 
 template <class T>
-std::unique_ptr<Normalizer<T>> make_normalizer(const nablahog_plan& plan, Workspace& work) {
-  if (!plan.normalizer) return nullptr;
-  const std::string_view kind(plan.normalizer);
-  if (kind == "global") return std::make_unique<GlobalNorm<T>>(plan, work);
-  if (kind == "cell") return std::make_unique<CellNorm<T>>(plan, work);
-  if (kind == "block") return std::make_unique<BlockNorm<T>>(plan, work);
-  if (kind == "four-block") return std::make_unique<FourBlockNorm<T>>(plan, work);
+std::unique_ptr<Normalizer<T>> make_normalizer(const nablahog_tables& tables, Workspace& work) {
+  if (!tables.normalizer) return nullptr;
+  const std::string_view kind(tables.normalizer);
+  if (kind == "global") return std::make_unique<GlobalNorm<T>>(tables, work);
+  if (kind == "cell") return std::make_unique<CellNorm<T>>(tables, work);
+  if (kind == "block") return std::make_unique<BlockNorm<T>>(tables, work);
+  if (kind == "four-block") return std::make_unique<FourBlockNorm<T>>(tables, work);
   return nullptr;
 }
 

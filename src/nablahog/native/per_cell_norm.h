@@ -9,8 +9,10 @@ namespace nablahog {
 template <class T>
 class GlobalNorm final : public Normalizer<T> {
  public:
-  GlobalNorm(const nablahog_plan& plan, Workspace&)
-      : epsilon_(plan.constants[0]), robust_(plan.constants[1]), size_(plan.rows.cells * plan.cols.cells * plan.bins) {}
+  GlobalNorm(const nablahog_tables& tables, Workspace&)
+      : epsilon_(tables.constants[0]),
+        robust_(tables.constants[1]),
+        size_(tables.rows.cells * tables.cols.cells * tables.bins) {}
 
   void forward(const T* cells, T* out) override { normalize(cells, out); }
   void jvp(DualPointer<const T> cells, DualPointer<T> out) override { normalize(cells, out); }
@@ -49,8 +51,8 @@ class GlobalNorm final : public Normalizer<T> {
 template <class T>
 class CellNorm final : public Normalizer<T> {
  public:
-  CellNorm(const nablahog_plan& plan, Workspace&)
-      : epsilon_(T(plan.constants[0])), bins_(plan.bins), cells_(plan.rows.cells * plan.cols.cells) {}
+  CellNorm(const nablahog_tables& tables, Workspace&)
+      : epsilon_(T(tables.constants[0])), bins_(tables.bins), cells_(tables.rows.cells * tables.cols.cells) {}
 
   void forward(const T* cells, T* out) override { normalize(cells, out); }
   void jvp(DualPointer<const T> cells, DualPointer<T> out) override { normalize(cells, out); }

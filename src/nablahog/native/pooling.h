@@ -6,7 +6,7 @@
 // sum, and sums stay in registers until the band ends.
 #pragma once
 
-#include "plan.h"
+#include "tables.h"
 #include "vec.h"
 #include "workspace.h"
 
@@ -35,19 +35,21 @@ class Pooling {
  public:
   using V = Vec<T>;
 
-  Pooling(const nablahog_plan& plan, Workspace& work)
-      : bins_(plan.bins),
-        rows_(plan.rows),
-        cols_(plan.cols),
+  Pooling(const nablahog_tables& tables, Workspace& work)
+      : bins_(tables.bins),
+        rows_(tables.rows),
+        cols_(tables.cols),
         high_(rows_.extent),
         wide_(cols_.extent),
-        line_(line_size(plan)),
+        line_(line_size(tables)),
         sums_size_(round_up(columns_at_once < cols_.longest ? cols_.longest : columns_at_once, lanes<T>) + lanes<T>),
         sums_(work.zeros<T>(line_ * sums_size_)),
-        band_(work.zeros<T>(band_size(plan))) {}
+        band_(work.zeros<T>(band_size(tables))) {}
 
   // Numbers of the cells of a band: columns, each a line of the bins of its rows of cells
-  static int64_t band_size(const nablahog_plan& plan) { return (plan.cols.cells + plan.cols.extent) * line_size(plan); }
+  static int64_t band_size(const nablahog_tables& tables) {
+    return (tables.cols.cells + tables.cols.extent) * line_size(tables);
+  }
 
   // Forgets sums of an image with NaN, which a weight of zero would not remove
   void clear() { std::memset(sums_, 0, line_ * sums_size_ * sizeof(T)); }
@@ -95,7 +97,7 @@ class Pooling {
   static constexpr int square = lanes<T> > 8 ? 8 : lanes<T>;  // lines and columns that are transposed at a time
   using Square = Vec<T, square>;
 
-  static int64_t line_size(const nablahog_plan& plan) { return round_up(plan.rows.extent * plan.bins, 8); }
+  static int64_t line_size(const nablahog_tables& tables) { return round_up(tables.rows.extent * tables.bins, 8); }
 
   // Sums columns of votes over the rows of a band, weighted for HIGH rows of cells from the k-th on
   template <int PLANES, int HIGH>

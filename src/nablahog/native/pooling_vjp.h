@@ -21,15 +21,15 @@ class PoolingVjp {
   using V = Vec<T>;
   using I = Vec<Int<T>>;
 
-  PoolingVjp(const nablahog_plan& plan, Workspace& work)
-      : bins_(plan.bins),
-        rows_(plan.rows),
-        cols_(plan.cols),
+  PoolingVjp(const nablahog_tables& tables, Workspace& work)
+      : bins_(tables.bins),
+        rows_(tables.rows),
+        cols_(tables.cols),
         high_(rows_.extent),
         wide_(cols_.extent),
         line_(round_up(bins_ + 3, lanes<T>)),
         lines_size_((cols_.cells + wide_) * line_),
-        weights_size_(round_up(plan.width, 16) + 16),
+        weights_size_(round_up(tables.width, 16) + 16),
         band_(work.zeros<T>(high_ * lines_size_)),
         lines_(work.zeros<T>(lines_size_)),
         first_(work.zeros<Int<T>>(weights_size_)) {
@@ -37,7 +37,7 @@ class PoolingVjp {
       const Stretch columns = stretch(cols_, run);
       for (int64_t x = columns.begin; x < columns.end; ++x) first_[x] = Int<T>(columns.cell * line_);
     }
-    if constexpr (most_tables<T> > 0) make_tables(plan.width, work);
+    if constexpr (most_tables<T> > 0) make_taps(tables.width, work);
   }
 
   // Copies the gradients of the cells of a band, of (rows, cols, bins)
@@ -142,30 +142,30 @@ class PoolingVjp {
 
   // The bins of a cell are a table of a few vectors, in which lanes look up their own.  All cells that the pixels
   // of a vector vote into are asked, with the pixels' weights in these: 0 for those that vote elsewhere.
-  struct Tables {
+  struct VectorTaps {
     int64_t first, count;  // cells
     T* weights;            // (count, lanes)
   };
 
-  void make_tables(int64_t width, Workspace& work) {
+  void make_taps(int64_t width, Workspace& work) {
     vectors_ = int((bins_ + 2 + lanes<T> - 1) / lanes<T>);
     if (vectors_ > most_tables<T>) return;
-    tables_ = work.zeros<Tables>(round_up(width, lanes<T>) / lanes<T>);
+    taps_ = work.zeros<VectorTaps>(round_up(width, lanes<T>) / lanes<T>);
     for (int64_t run = 0; run < cols_.stretches; ++run) {  // which cells
       const Stretch columns = stretch(cols_, run);
       for (int64_t x = columns.begin; x < columns.end; ++x) {
-        Tables& tables = tables_[x / lanes<T>];
-        if (tables.count == 0) tables.first = columns.cell;
+        VectorTaps& taps = taps_[x / lanes<T>];
+        if (taps.count == 0) taps.first = columns.cell;
         const int64_t last = columns.cell + wide_;
-        if (last - tables.first > tables.count) tables.count = last - tables.first;
+        if (last - taps.first > taps.count) taps.count = last - taps.first;
       }
     }
     for (int64_t run = 0; run < cols_.stretches; ++run) {
       const Stretch columns = stretch(cols_, run);
       for (int64_t x = columns.begin; x < columns.end; ++x) {
-        Tables& tables = tables_[x / lanes<T>];
-        if (!tables.weights) tables.weights = work.zeros<T>(tables.count * lanes<T>);
-        T* to = tables.weights + (columns.cell - tables.first) * lanes<T> + x % lanes<T>;
+        VectorTaps& taps = taps_[x / lanes<T>];
+        if (!taps.weights) taps.weights = work.zeros<T>(taps.count * lanes<T>);
+        T* to = taps.weights + (columns.cell - taps.first) * lanes<T> + x % lanes<T>;
         const T* from = static_cast<const T*>(cols_.cell_weights) + x;
         for (int64_t k = 0; k < wide_; ++k) to[k * lanes<T>] = from[k * weights_size_];
       }
@@ -174,13 +174,13 @@ class PoolingVjp {
 
   template <bool HARD, int VECTORS>
   [[gnu::always_inline]] VoteGradients<V> look_up(int64_t x, I bin) const {
-    const Tables& tables = tables_[x / lanes<T>];
-    const T* line = lines_ + tables.first * line_;
+    const VectorTaps& taps = taps_[x / lanes<T>];
+    const T* line = lines_ + taps.first * line_;
     VoteGradients<V> out{};
-    for (int64_t k = 0; k < tables.count; ++k, line += line_) {
+    for (int64_t k = 0; k < taps.count; ++k, line += line_) {
       V table[VECTORS];
       for (int j = 0; j < VECTORS; ++j) table[j] = load<V>(line + j * lanes<T>);
-      const V by = load<V>(tables.weights + k * lanes<T>);
+      const V by = load<V>(taps.weights + k * lanes<T>);
       out.here = multiply_add(permute(table, bin + 1), by, out.here);
       if constexpr (!HARD) {
         out.before = multiply_add(permute(table, bin), by, out.before);
@@ -195,7 +195,7 @@ class PoolingVjp {
   const int64_t high_, wide_, line_, lines_size_, weights_size_;
   T *band_, *lines_;
   Int<T>* first_;  // where the line of each column's first cell begins
-  Tables* tables_ = nullptr;
+  VectorTaps* taps_ = nullptr;
   int vectors_ = 0;  // of a table
 };
 

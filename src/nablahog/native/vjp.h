@@ -35,13 +35,13 @@ class Vjp {
   using V = Vec<T>;
   using I = Vec<Int<T>>;
 
-  Vjp(const nablahog_plan& plan, const Images& images, Workspace& work)
-      : plan_(plan),
-        reader_(plan, images, nullptr, work),
-        rule_(plan, work),
-        exact_(plan, work),
-        pooling_(plan, work),
-        writer_(plan, images, work),
+  Vjp(const nablahog_tables& tables, const Images& images, Workspace& work)
+      : tables_(tables),
+        reader_(tables, images, nullptr, work),
+        rule_(tables, work),
+        exact_(tables, work),
+        pooling_(tables, work),
+        writer_(tables, images, work),
         gx_(row<T>(work)),
         gy_(row<T>(work)),
         m_(row<T>(work)),
@@ -52,13 +52,13 @@ class Vjp {
 
   // Rows of the gradients of an image (channels, height, width).  Returns whether a pixel near them is not finite.
   bool rows(int64_t image, Range rows, const T* grad_cells, T* grad_image) {
-    const int64_t height = plan_.height, first = rows.first > 0 ? rows.first - 1 : 0;
+    const int64_t height = tables_.height, first = rows.first > 0 ? rows.first - 1 : 0;
     reader_.begin(image, first);
     writer_.begin(image);
     int64_t band = 0, begun = -1;
     for (int64_t y = first; y <= rows.last; ++y) {  // with the rows beside those wanted
-      while (band < plan_.rows.stretches && y >= stretch(plan_.rows, band).end) ++band;
-      if (y < height && band < plan_.rows.stretches && y >= stretch(plan_.rows, band).begin) {
+      while (band < tables_.rows.stretches && y >= stretch(tables_.rows, band).end) ++band;
+      if (y < height && band < tables_.rows.stretches && y >= stretch(tables_.rows, band).begin) {
         if (begun != band) pooling_.begin_band(band, grad_cells);
         begun = band;
         row(y);
@@ -74,13 +74,13 @@ class Vjp {
  private:
   template <class N>
   N* row(Workspace& work) const {
-    return work.zeros<N>(round_up(plan_.width, lanes<T>));
+    return work.zeros<N>(round_up(tables_.width, lanes<T>));
   }
 
   // In two loops: votes depend on each other's results in long chains, of which processors then overlap more.
   void row(int64_t y) {
     const auto* lines = reader_.lines_at(y);
-    for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
+    for (int64_t x = 0; x < tables_.width; x += lanes<T>) {
       const auto g = reader_.gradients(lines, x);
       const Votes<T> votes = rule_(g.x, g.y);
       store(gx_ + x, g.x);
@@ -91,8 +91,8 @@ class Vjp {
       if constexpr (!Rule::hard) store(f_ + x, votes.f);
     }
     pooling_.begin_row(y);
-    const V slope = splat<V>(T(plan_.slope));
-    for (int64_t x = 0; x < plan_.width; x += lanes<T>) {
+    const V slope = splat<V>(T(tables_.slope));
+    for (int64_t x = 0; x < tables_.width; x += lanes<T>) {
       const V gx = load<V>(gx_ + x), gy = load<V>(gy_ + x), m = load<V>(m_ + x);
       const I winner = load<I>(winner_ + x);
       const VoteGradients<V> grad = pooling_.template read<Rule::hard>(x, bin_);
@@ -115,7 +115,7 @@ class Vjp {
     writer_.finish_row(y);
   }
 
-  const nablahog_plan& plan_;
+  const nablahog_tables& tables_;
   Reader<T*> reader_;
   const Rule rule_;
   const Linear<T> exact_;
@@ -128,31 +128,32 @@ class Vjp {
 // Gradients of images (images, channels, height, width) from `grad`: of their descriptors, or, if `cells` is null, of
 // their cells
 template <class T, class Rule>
-void vjp(const nablahog_plan& plan, const Images& images, Range range, const T* cells, const T* grad, T* grad_images) {
+void vjp(const nablahog_tables& tables, const Images& images, Range range, const T* cells, const T* grad,
+         T* grad_images) {
   thread_local Workspace work;
   work.clear();
-  Vjp<T, Rule> pass(plan, images, work);
-  const auto norm = cells ? make_normalizer<T>(plan, work) : nullptr;
-  T* grad_cells = work.zeros<T>(cells ? cells_size(plan) : 0);
+  Vjp<T, Rule> pass(tables, images, work);
+  const auto norm = cells ? make_normalizer<T>(tables, work) : nullptr;
+  T* grad_cells = work.zeros<T>(cells ? cells_size(tables) : 0);
   for (int64_t image = range.first; image < range.last; ++image) {
-    T* of_image = grad_images + image * image_size(plan);
+    T* of_image = grad_images + image * image_size(tables);
     const T* of_cells = grad_cells;
     if (cells) {
-      norm->vjp(cells + image * cells_size(plan), grad + image * out_size(plan), grad_cells);
+      norm->vjp(cells + image * cells_size(tables), grad + image * out_size(tables), grad_cells);
     } else {
-      of_cells = grad + image * cells_size(plan);
+      of_cells = grad + image * cells_size(tables);
     }
-    if (pass.rows(image, {0, plan.height}, of_cells, of_image)) fill_nan(of_image, image_size(plan));
+    if (pass.rows(image, {0, tables.height}, of_cells, of_image)) fill_nan(of_image, image_size(tables));
   }
 }
 
 // Rows of the gradient of one image from that of its cells, for threads that share it.  Returns whether a pixel is not
 // finite.
 template <class T, class Rule>
-bool vjp_rows(const nablahog_plan& plan, const Images& images, Range rows, const T* grad_cells, T* grad_image) {
+bool vjp_rows(const nablahog_tables& tables, const Images& images, Range rows, const T* grad_cells, T* grad_image) {
   thread_local Workspace work;
   work.clear();
-  return Vjp<T, Rule>(plan, images, work).rows(0, rows, grad_cells, grad_image);
+  return Vjp<T, Rule>(tables, images, work).rows(0, rows, grad_cells, grad_image);
 }
 
 }  // namespace nablahog

@@ -2,7 +2,7 @@
 // has no f.  Ties are decided by rounding: products are fused with sums only in polynomials.
 #pragma once
 
-#include "plan.h"
+#include "tables.h"
 #include "vec.h"
 #include "workspace.h"
 
@@ -78,13 +78,13 @@ class Linear {
  public:
   static constexpr bool hard = false, inexact = false;
 
-  Linear(const nablahog_plan& plan, Workspace&)
-      : tiny_(T(plan.tiny)),
-        up_(T(plan.up)),
-        to_bins_(T(plan.bins_per_half_turn)),
-        offset_(T(plan.bin_offset)),
-        count_(T(plan.bins)),
-        per_bin_(T(1.0 / plan.bins)) {}
+  Linear(const nablahog_tables& tables, Workspace&)
+      : tiny_(T(tables.tiny)),
+        up_(T(tables.up)),
+        to_bins_(T(tables.bins_per_half_turn)),
+        offset_(T(tables.bin_offset)),
+        count_(T(tables.bins)),
+        per_bin_(T(1.0 / tables.bins)) {}
 
   [[gnu::always_inline]] Votes<T> operator()(Vec<T> u, Vec<T> v) const {
     using V = Vec<T>;
@@ -105,12 +105,12 @@ class OpenCV {
  public:
   static constexpr bool hard = false, inexact = false;
 
-  OpenCV(const nablahog_plan& plan, Workspace&)
-      : tiny_(T(plan.tiny)),
-        table_(plan.arctangent),
-        offset_(float(plan.bin_offset)),
-        count_(float(plan.bins)),
-        per_bin_(float(1.0 / plan.bins)) {}
+  OpenCV(const nablahog_tables& tables, Workspace&)
+      : tiny_(T(tables.tiny)),
+        table_(tables.arctangent),
+        offset_(float(tables.bin_offset)),
+        count_(float(tables.bins)),
+        per_bin_(float(1.0 / tables.bins)) {}
 
   [[gnu::always_inline]] Votes<T> operator()(Vec<T> u, Vec<T> v) const {
     using V = Vec<float, lanes<T>>;
@@ -155,15 +155,15 @@ class VLFeat {
  public:
   static constexpr bool hard = false, inexact = true;  // derivatives are by the exact angle
 
-  VLFeat(const nablahog_plan& plan, Workspace& work)
-      : tiny_(T(plan.tiny)),
-        axes_(int(plan.directions_count)),
-        opposite_(plan.is_signed ? axes_ : 0),
-        bins_(plan.bins),
-        least_(plan.arccosine_least),
-        unit_(plan.arccosine_unit),
+  VLFeat(const nablahog_tables& tables, Workspace& work)
+      : tiny_(T(tables.tiny)),
+        axes_(int(tables.directions_count)),
+        opposite_(tables.is_signed ? axes_ : 0),
+        bins_(tables.bins),
+        least_(tables.arccosine_least),
+        unit_(tables.arccosine_unit),
         directions_(work.zeros<float>(2 * axes_)) {
-    for (int k = 0; k < 2 * axes_; ++k) directions_[k] = float(plan.directions[k]);
+    for (int k = 0; k < 2 * axes_; ++k) directions_[k] = float(tables.directions[k]);
   }
 
   [[gnu::always_inline]] Votes<T> operator()(Vec<T> u, Vec<T> v) const {
@@ -222,12 +222,12 @@ class Nearest {
  public:
   static constexpr bool hard = true, inexact = false;
 
-  Nearest(const nablahog_plan& plan, Workspace& work)
-      : tiny_(T(plan.tiny)),
-        axes_(int(plan.directions_count)),
-        opposite_(plan.is_signed ? axes_ : 0),
+  Nearest(const nablahog_tables& tables, Workspace& work)
+      : tiny_(T(tables.tiny)),
+        axes_(int(tables.directions_count)),
+        opposite_(tables.is_signed ? axes_ : 0),
         directions_(work.zeros<T>(2 * axes_)) {
-    for (int k = 0; k < 2 * axes_; ++k) directions_[k] = T(plan.directions[k]);
+    for (int k = 0; k < 2 * axes_; ++k) directions_[k] = T(tables.directions[k]);
   }
 
   [[gnu::always_inline]] Votes<T> operator()(Vec<T> u, Vec<T> v) const {
@@ -258,14 +258,14 @@ class Begun {
  public:
   static constexpr bool hard = true, inexact = false;
 
-  Begun(const nablahog_plan& plan, Workspace& work)
-      : tiny_(T(plan.tiny)),
-        up_(T(plan.up)),
-        count_(int(plan.directions_count)),
-        before_(plan.bin_before),
-        is_signed_(plan.is_signed),
+  Begun(const nablahog_tables& tables, Workspace& work)
+      : tiny_(T(tables.tiny)),
+        up_(T(tables.up)),
+        count_(int(tables.directions_count)),
+        before_(tables.bin_before),
+        is_signed_(tables.is_signed),
         starts_(work.zeros<T>(3 * count_)) {
-    for (int k = 0; k < 3 * count_; ++k) starts_[k] = T(plan.directions[k]);
+    for (int k = 0; k < 3 * count_; ++k) starts_[k] = T(tables.directions[k]);
   }
 
   [[gnu::always_inline]] Votes<T> operator()(Vec<T> u, Vec<T> v) const {

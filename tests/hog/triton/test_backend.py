@@ -14,7 +14,7 @@ import torch
 from nablahog import hog, presets
 from nablahog.hog import triton as kernels
 from nablahog.hog.engine import REFERENCE, Engine
-from nablahog.hog.kernels.plan import VOTES
+from nablahog.hog.kernels.tables import VOTES
 from nablahog.hog.orientation import HARD_VOTES, LINEAR_VOTES
 from nablahog.hog.triton import steps
 

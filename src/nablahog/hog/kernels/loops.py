@@ -16,12 +16,12 @@ from ... import native
 from ...runtime.pytorch import run_in_threads
 from ..engine import Cells, Describe, Norm, OutputAndSaved, Step
 from ..spec import HOGSpec
-from .plan import NormPlan, Plan
+from .tables import ImageTables, NormTables
 
 _LARGE = 2**16  # pixels of an image that is worth more than one thread
 _CPU = torch.device("cpu")  # whatever the default device is
 _NOTHING = torch.empty(0, device=_CPU)
-_PIXELS = c_void_p, c_void_p, c_void_p  # plan, images, strides
+_PIXELS = c_void_p, c_void_p, c_void_p  # tables, images, strides
 _RANGE = c_int64, c_int64
 _hog = native.function("hog", *_PIXELS, *_RANGE, c_void_p, c_void_p)
 _hog_bands = native.function("hog_bands", *_PIXELS, *_RANGE, c_void_p, c_void_p)
@@ -55,77 +55,77 @@ class _ImageStep(Step):
         self._channels, self.height, self._width = shape
         self.is_large = self.height * self._width >= _LARGE
 
-    def _make_plan(self, spec: HOGSpec) -> Plan:
-        return Plan(spec, (self._channels, self.height, self._width), self._stored)
+    def _make_tables(self, spec: HOGSpec) -> ImageTables:
+        return ImageTables(spec, (self._channels, self.height, self._width), self._stored)
 
     @cached_property
-    def plan(self) -> Plan:
+    def tables(self) -> ImageTables:
         """Made in the first run, where no transform of PyTorch is active."""
-        return self._make_plan(self.spec)
+        return self._make_tables(self.spec)
 
     @cached_property
-    def derivative(self) -> Plan:
+    def derivative_tables(self) -> ImageTables:
         """Of the dialect whose derivative is meant."""
         jumps = self.spec.vote == "hard" and self.spec.derivative == "linear"
-        return self._make_plan(self.spec.with_linear_votes()) if jumps else self.plan
+        return self._make_tables(self.spec.with_linear_votes()) if jumps else self.tables
 
     def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         """Descriptors and cells, or cells and nothing."""
         x = x.double() / 255 if self.converts else x
-        count, plan, normalizes = x.shape[0], self.plan, self.normalizes
-        pixels = plan.address, x.data_ptr(), _strides(*x.stride())[1]
+        count, tables, normalizes = x.shape[0], self.tables, self.normalizes
+        pixels = tables.address, x.data_ptr(), _strides(*x.stride())[1]
         in_bands = self.is_large and count == 1 and torch.get_num_threads() > 1
         cells = descriptors = _NOTHING
         if saves or in_bands or not normalizes:
-            cells = torch.empty((count, *plan.cells), dtype=plan.dtype, device=_CPU)
+            cells = torch.empty((count, *tables.cells), dtype=tables.dtype, device=_CPU)
         if saves or normalizes:
-            size = (count, *plan.grid) if normalizes else (count, 0)
-            descriptors = torch.empty(size, dtype=plan.dtype, device=_CPU)
+            size = (count, *tables.grid) if normalizes else (count, 0)
+            descriptors = torch.empty(size, dtype=tables.dtype, device=_CPU)
         to_cells, to_descriptors = cells.data_ptr() or None, descriptors.data_ptr() or None
         if in_bands:
             self._fill_in_bands(pixels, cells)
             if normalizes:
-                _normalize(plan.address, 0, 1, to_cells, to_descriptors)
+                _normalize(tables.address, 0, 1, to_cells, to_descriptors)
         else:
             run_in_threads(_hog, count, pixels, (to_cells, to_descriptors))
         return (descriptors, cells) if normalizes else (cells, descriptors)
 
     def _fill_in_bands(self, pixels: tuple[int, ...], cells: Tensor) -> None:
         """The cells of one image, whose bands are shared out."""
-        size, bands = c_int64(), int(self.plan.struct.rows.stretches)
-        _band_size(self.plan.address, ctypes.byref(size))
-        band_cells = torch.empty((bands, size.value), dtype=self.plan.dtype, device=_CPU)
+        size, bands = c_int64(), int(self.tables.struct.rows.stretches)
+        _band_size(self.tables.address, ctypes.byref(size))
+        band_cells = torch.empty((bands, size.value), dtype=self.tables.dtype, device=_CPU)
         broken = np.zeros(bands, np.uint8)
         run_in_threads(_hog_bands, bands, pixels, (band_cells.data_ptr(), broken.ctypes.data))
-        _join_bands(self.plan.address, band_cells.data_ptr(), cells.data_ptr())
+        _join_bands(self.tables.address, band_cells.data_ptr(), cells.data_ptr())
         if broken.any():
             cells.fill_(torch.nan)
 
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
-        count, plan, cells, grad = x.shape[0], self.derivative, saved.contiguous(), grad_output.contiguous()
+        count, tables, cells, grad = x.shape[0], self.derivative_tables, saved.contiguous(), grad_output.contiguous()
         grad_images = torch.empty_like(x, memory_format=torch.contiguous_format)
-        pixels, out = (plan.address, x.data_ptr(), _strides(*x.stride())[1]), grad_images.data_ptr()
+        pixels, out = (tables.address, x.data_ptr(), _strides(*x.stride())[1]), grad_images.data_ptr()
         if self.is_large and count == 1 and torch.get_num_threads() > 1:
             if self.normalizes:
                 grad_cells = torch.empty_like(cells)
-                _normalize_vjp(plan.address, 0, 1, cells.data_ptr(), grad.data_ptr(), grad_cells.data_ptr())
+                _normalize_vjp(tables.address, 0, 1, cells.data_ptr(), grad.data_ptr(), grad_cells.data_ptr())
                 grad = grad_cells
             broken = np.zeros(self.height, np.uint8)
             run_in_threads(_hog_vjp_rows, self.height, pixels, (grad.data_ptr(), out, broken.ctypes.data))
             if broken.any():
                 grad_images.fill_(torch.nan)
         else:
-            of_cells = cells.data_ptr() if self.normalizes else None
-            run_in_threads(_hog_vjp, count, pixels, (of_cells, grad.data_ptr(), out))
+            to_cells = cells.data_ptr() if self.normalizes else None
+            run_in_threads(_hog_vjp, count, pixels, (to_cells, grad.data_ptr(), out))
         return grad_images
 
     def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
-        count, plan, cells, tangent = x.shape[0], self.derivative, saved.contiguous(), tangent.contiguous()
-        size = plan.grid if self.normalizes else plan.cells
-        out = torch.empty((count, *size), dtype=plan.dtype, device=_CPU)
-        of_cells = cells.data_ptr() if self.normalizes else None
-        pixels = plan.address, x.data_ptr(), _strides(*x.stride())[1]
-        run_in_threads(_hog_jvp, count, pixels, (tangent.data_ptr(), of_cells, out.data_ptr()))
+        count, tables, cells, tangent = x.shape[0], self.derivative_tables, saved.contiguous(), tangent.contiguous()
+        size = tables.grid if self.normalizes else tables.cells
+        out = torch.empty((count, *size), dtype=tables.dtype, device=_CPU)
+        to_cells = cells.data_ptr() if self.normalizes else None
+        pixels = tables.address, x.data_ptr(), _strides(*x.stride())[1]
+        run_in_threads(_hog_jvp, count, pixels, (tangent.data_ptr(), to_cells, out.data_ptr()))
         return out
 
 
@@ -146,25 +146,25 @@ class NativeNorm(Norm):
 
     def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype) -> None:
         super().__init__(spec, shape, stored, real)
-        self.plan = NormPlan(spec, shape[0], shape[1], real)
+        self.tables = NormTables(spec, shape[0], shape[1], real)
 
     def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
-        cells, descriptors = x.contiguous(), x.new_empty((len(x), *self.plan.grid))
-        run_in_threads(_normalize, len(x), (self.plan.address,), (cells.data_ptr(), descriptors.data_ptr()))
+        cells, descriptors = x.contiguous(), x.new_empty((len(x), *self.tables.grid))
+        run_in_threads(_normalize, len(x), (self.tables.address,), (cells.data_ptr(), descriptors.data_ptr()))
         return descriptors, x.new_empty((len(x), 0)) if saves else _NOTHING
 
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
         cells, grad = x.contiguous(), grad_output.contiguous()
         grad_cells = torch.empty_like(cells)
         addresses = cells.data_ptr(), grad.data_ptr(), grad_cells.data_ptr()
-        run_in_threads(_normalize_vjp, len(x), (self.plan.address,), addresses)
+        run_in_threads(_normalize_vjp, len(x), (self.tables.address,), addresses)
         return grad_cells
 
     def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
         cells, tangent = x.contiguous(), tangent.contiguous()
-        out = x.new_empty((len(x), *self.plan.grid))
+        out = x.new_empty((len(x), *self.tables.grid))
         addresses = cells.data_ptr(), tangent.data_ptr(), out.data_ptr()
-        run_in_threads(_normalize_jvp, len(x), (self.plan.address,), addresses)
+        run_in_threads(_normalize_jvp, len(x), (self.tables.address,), addresses)
         return out
 
 

@@ -208,7 +208,7 @@ def _axis(along: PixelCells, reach: int, at_once: tuple[int, ...], device: torch
     return AxisTables(along.cells, _bands(along, reach, at_once, device), _gather(along, device), span)
 
 
-class Plan(NamedTuple):
+class KernelTables(NamedTuple):
     """All that the kernels over pixels know of a dialect and an image size."""
 
     reading: Reading
@@ -220,8 +220,10 @@ class Plan(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype, device: torch.device) -> Plan:
-    """The plan for images (…, channels, height, width), computed in ``real``, float32 or float64."""
+def make_tables(
+    spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype, device: torch.device
+) -> KernelTables:
+    """The tables for images (…, channels, height, width), computed in ``real``, float32 or float64."""
     channels, height, width = shape[-3:]
     spec.grid(height, width)  # raises if it is too small
     down, across = pixel_cells(spec, height, width, real)
@@ -231,7 +233,7 @@ def plan(spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtyp
     high = high if high * wide <= numbers else 1
     wide = wide if high * wide <= numbers else 1
     last = np.flatnonzero(last_of_equals(spec, height, width))
-    return Plan(
+    return KernelTables(
         reading=reading(spec, channels, stored),
         voting=voting(spec),
         rule=vote_rule(spec).name,

@@ -20,7 +20,7 @@ from ..steps import normalize_reference, spread_nan
 from . import votes
 from .cells import LANES, cells_kernel
 from .cells_vjp import cells_vjp_kernel
-from .parameters import Plan, Reading, columns_at_once, plan
+from .parameters import KernelTables, Reading, columns_at_once, make_tables
 
 RULES = {name: getattr(votes, f"{name}_votes") for name in ("linear", "opencv", "vlfeat", "nearest", "begun")}
 """Vote rules by their names: those of :class:`..orientation.VoteRule`."""
@@ -49,16 +49,16 @@ def schedulers(device: torch.device) -> int:
     return _SCHEDULERS * torch.cuda.get_device_properties(device).multi_processor_count
 
 
-def _reading(known: Plan, *images: Tensor) -> Reading:
-    """The plan's reading with the strides of these images."""
+def _reading(tables: KernelTables, *images: Tensor) -> Reading:
+    """The reading with the strides of these images."""
     span = max(
-        sum((n - 1) * abs(step) for n, step in zip(each.shape[1:], each.stride()[1:], strict=True)) for each in images
+        sum((n - 1) * abs(stride) for n, stride in zip(x.shape[1:], x.stride()[1:], strict=True)) for x in images
     )
-    return known.reading._replace(wide=True) if span >= 2**31 else known.reading
+    return tables.reading._replace(wide=True) if span >= 2**31 else tables.reading
 
 
-def _plan(images: Tensor, spec: HOGSpec) -> Plan:
-    return plan(spec, images.shape, images.dtype, real_dtype(images.dtype), images.device)
+def _tables_of(images: Tensor, spec: HOGSpec) -> KernelTables:
+    return make_tables(spec, images.shape, images.dtype, real_dtype(images.dtype), images.device)
 
 
 class Work(NamedTuple):
@@ -103,8 +103,8 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     Returns:
         Histograms (B, rows, cols, bins), and (B,) not 0 where they are arbitrary: a pixel is not finite.
     """
-    known = _plan(images, spec)
-    rows, cols = known.rows, known.cols
+    tables = _tables_of(images, spec)
+    rows, cols = tables.rows, tables.cols
     shape, count = (rows.cells, cols.cells, spec.bins), len(images)
     if math.prod(shape) >= 2**31:
         raise ValueError(
@@ -117,7 +117,7 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     stride, *strides = images.stride()
     reach = rows.bands.reach, cols.bands.reach
     share = work(count, (rows.cells, cols.cells), reach, schedulers(images.device))
-    registers = known.reading.channels * (out.itemsize // 4)
+    registers = tables.reading.channels * (out.itemsize // 4)
     with on(images.device):
         cells_kernel[(count * share.groups * share.chunks,)](
             images,
@@ -137,11 +137,11 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
             share.strips,
             share.of_strip,
             (*rows.voting, *cols.voting),
-            known.last_wins,
+            tables.last_wins,
             images.shape[1],
-            VOTES=RULES[known.rule],
-            READING=_reading(known, images),
-            VOTING=known.voting,
+            VOTES=RULES[tables.rule],
+            READING=_reading(tables, images),
+            VOTING=tables.voting,
             HIGH=rows.bands.reach,
             WIDE=cols.bands.reach,
             AT_ONCE=columns_at_once(cols.bands, registers),
@@ -161,7 +161,7 @@ def _with_derivative(spec: HOGSpec) -> HOGSpec:
 def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
     """Gradients (B, C, H, W) of the images from those of their cells (B, rows, cols, bins), both without gaps."""
     spec = _with_derivative(spec)
-    known = _plan(images, spec)
+    tables = _tables_of(images, spec)
     height, width = images.shape[2:]
     stride, *strides = images.stride()
     out = torch.empty_like(images, memory_format=torch.contiguous_format)
@@ -175,21 +175,21 @@ def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: H
                 grad_cells,
                 flags,
                 out,
-                known.rows.gather.first,
-                known.rows.gather.weights,
-                known.cols.gather.first,
-                known.cols.gather.weights,
+                tables.rows.gather.first,
+                tables.rows.gather.weights,
+                tables.cols.gather.first,
+                tables.cols.gather.weights,
                 (height, width),
                 stride,
                 tuple(strides),
-                (known.rows.cells, known.cols.cells),
+                (tables.rows.cells, tables.cols.cells),
                 chunks,
-                known.last_wins,
-                VOTES=RULES[known.rule],
-                READING=_reading(known, images, out),
-                VOTING=known.voting,
-                HIGH=known.rows.gather.reach,
-                WIDE=known.cols.gather.reach,
+                tables.last_wins,
+                VOTES=RULES[tables.rule],
+                READING=_reading(tables, images, out),
+                VOTING=tables.voting,
+                HIGH=tables.rows.gather.reach,
+                WIDE=tables.cols.gather.reach,
                 TILE_Y=tile_y,
                 TILE_X=tile_x,
                 num_warps=_VJP_WARPS,

@@ -1,5 +1,6 @@
 // What the operator's loops know of a dialect, an image size and a dtype.  Plain C: Python fills it in, once for each
-// (nablahog/hog/kernels/plan.py).  T below is the number type of the histograms: double for double pixels, else float.
+// (nablahog/hog/kernels/tables.py).  T below is the number type of the histograms: double for double pixels, else
+// float.
 #pragma once
 
 #include <stdint.h>
@@ -22,7 +23,7 @@ struct nablahog_axis {
   const void* cell_weights;  // T (extent, pixels rounded up to 16, and 16 more); columns only
 };
 
-struct nablahog_plan {
+struct nablahog_tables {
   int64_t channels, height, width;
   int32_t pixels;  // nablahog_pixels
 

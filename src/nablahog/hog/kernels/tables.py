@@ -1,4 +1,4 @@
-"""``native/plan.h`` filled in: what the native loops know of a dialect, an image size and a dtype."""
+"""``native/tables.h`` filled in: what the native loops know of a dialect, an image size and a dtype."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class AxisStruct(ctypes.Structure):
     ]
 
 
-class PlanStruct(ctypes.Structure):
-    """``nablahog_plan``."""
+class TablesStruct(ctypes.Structure):
+    """``nablahog_tables``."""
 
     _fields_ = [
         *_fields(_int64, "channels height width"),
@@ -105,8 +105,8 @@ def _stretches(along: PixelCells) -> Stretches:
     return Stretches(along.cells, extent, table, weights)
 
 
-class NormPlan:
-    """The part of ``nablahog_plan`` that is about the normaliser, with the arrays that it points to.
+class NormTables:
+    """The part of ``nablahog_tables`` that is about the normaliser, with the arrays that it points to.
 
     Args:
         spec: a dialect of one colour.
@@ -119,7 +119,7 @@ class NormPlan:
         self.dtype, self.cells = dtype, (rows, cols, spec.bins)
         self.grid = norm.footprint(0).count(rows), norm.footprint(1).count(cols), spec.channels
         self._alive: list[Any] = []
-        self.struct = PlanStruct(
+        self.struct = TablesStruct(
             pixels=PIXELS[dtype],
             bins=spec.bins,
             rows=AxisStruct(cells=rows),
@@ -133,7 +133,7 @@ class NormPlan:
         self.address = ctypes.addressof(self.struct)
 
     def _address(self, values: npt.ArrayLike, dtype: Any) -> int:
-        """The address of an array that lives as long as the plan."""
+        """The address of an array that lives as long as the tables."""
         array = np.ascontiguousarray(values, dtype)
         self._alive.append(array)
         return int(array.ctypes.data)
@@ -143,8 +143,8 @@ class NormPlan:
         return torch.empty((batch, *shape), dtype=self.dtype, device="cpu")
 
 
-class Plan(NormPlan):
-    """``nablahog_plan`` of a dialect, an image size and a dtype.
+class ImageTables(NormTables):
+    """``nablahog_tables`` of a dialect, an image size and a dtype.
 
     Args:
         spec: a dialect of one colour.

@@ -6,14 +6,14 @@ import ctypes
 import re
 
 import nablahog.native
-from nablahog.hog.kernels.plan import AxisStruct, PlanStruct
+from nablahog.hog.kernels.tables import AxisStruct, TablesStruct
 
 TYPES = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "double": ctypes.c_double}
 
 
 def declared(struct: str) -> list[tuple[str, object]]:
-    """Names and types of a struct of ``plan.h``, in its order."""
-    text = (nablahog.native._SOURCES / "plan.h").read_text(encoding="utf-8")
+    """Names and types of a struct of ``tables.h``, in its order."""
+    text = (nablahog.native._SOURCES / "tables.h").read_text(encoding="utf-8")
     found = re.search(rf"struct {struct} \{{(.*?)\}};", re.sub(r"//.*", "", text), re.DOTALL)
     assert found
     fields: list[tuple[str, object]] = []
@@ -28,4 +28,4 @@ def declared(struct: str) -> list[tuple[str, object]]:
 
 def test_structs_have_the_fields_of_the_header() -> None:
     assert AxisStruct._fields_ == declared("nablahog_axis")
-    assert PlanStruct._fields_ == declared("nablahog_plan")
+    assert TablesStruct._fields_ == declared("nablahog_tables")
