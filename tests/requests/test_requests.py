@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import nablahog
-from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, RequestError, decoded
+from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, RequestError, decode
 from nablahog.cli.arguments.options import request_of
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest
@@ -81,13 +81,13 @@ def test_the_page_has_what_it_offers_and_nothing_else(message: type) -> None:
         value = other(each)
         text = json.dumps({**ids, each.name: value})
         if each.on_page:
-            assert getattr(decoded(text, message), each.name) == value
+            assert getattr(decode(text, message), each.name) == value
         elif each.name not in ids:
             with pytest.raises(RequestError, match=f"unknown field `{each.name}`"):
-                decoded(text, message)
+                decode(text, message)
 
 
 @pytest.mark.parametrize("text", ['{"prior": "/etc/passwd"}', '{"seed": -1}', '{"seed": 0.5}', '{"size": 100000}'])
 def test_the_page_keeps_ranges_and_choices(text: str) -> None:
     with pytest.raises(RequestError, match="the request does not fit"):
-        decoded(text, InvertMessage)
+        decode(text, InvertMessage)

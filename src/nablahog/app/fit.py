@@ -25,7 +25,7 @@ from ..render import silhouette
 from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
 from .lines import FitFiles, for_pose
-from .messages import Open, Pose, PoseMessage, RequestError, as_request_error, encoded, glyphs, png
+from .messages import Open, Pose, PoseMessage, RequestError, as_base64, as_request_error, glyphs, png
 from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -84,7 +84,7 @@ class Fitting:
             "type": "ready",
             "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
             "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, GLYPHS),
-            "image": encoded(png(crop.image[0])),
+            "image": as_base64(png(crop.image[0])),
         }
 
     def view(self, n: int, pose: Pose, place: bool) -> dict[str, Any]:
@@ -103,10 +103,10 @@ class Fitting:
         return {
             "type": "view",
             "n": n,
-            "pose": _rounded(poses[0]),
+            "pose": _round(poses[0]),
             "similarity": float(values[0]),
-            "derivative": _rounded(derivatives[0]),
-            "image": encoded(png(own, opacity)),
+            "derivative": _round(derivatives[0]),
+            "image": as_base64(png(own, opacity)),
             "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, GLYPHS),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
@@ -132,9 +132,9 @@ class Fitting:
             values, derivatives = self.similarity.derivatives(poses)
         return {
             "type": "curve",
-            "azimuths": _rounded(poses[:, 0]),
-            "similarities": _rounded(values),
-            "derivatives": _rounded(derivatives[:, 0]),
+            "azimuths": _round(poses[:, 0]),
+            "similarities": _round(values),
+            "derivatives": _round(derivatives[:, 0]),
             "done": done,
         }
 
@@ -149,7 +149,7 @@ class Fitting:
         def watch(model: str, pose: Tensor) -> None:
             cancel.check()
             value = float(self.similarity.values(pose[None]))
-            send({"type": "step", "pose": _rounded(pose), "similarity": value})
+            send({"type": "step", "pose": _round(pose), "similarity": value})
 
         def progress(done: int, total: int, what: str) -> None:
             cancel.check()
@@ -180,10 +180,10 @@ class Fitting:
         files = FitFiles(photo.name, photo.focal is not None, model.name, model.up, model.front, chair)
         return {
             "type": "fitted",
-            "pose": _rounded(estimate.crop_pose),
+            "pose": _round(estimate.crop_pose),
             "similarity": float(self.similarity.values(estimate.crop_pose[None])),
             "result": self.figures(estimate, request),
-            "overlay": encoded(png(self._overlay(estimate))),
+            "overlay": as_base64(png(self._overlay(estimate))),
             "warning": warning(estimate),
             "lines": for_pose(self._whole(request), files),
         }
@@ -194,5 +194,5 @@ class Fitting:
         return outlined(self.photograph.image, inside.numpy())
 
 
-def _rounded(values: Tensor) -> list[float]:
+def _round(values: Tensor) -> list[float]:
     return [round(value, 6) for value in values.tolist()]

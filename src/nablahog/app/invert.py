@@ -20,7 +20,7 @@ from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from .lines import for_inversion
-from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, encoded, png
+from .messages import INVERT_SIZE, InvertMessage, RequestError, as_base64, as_request_error, png
 from .store import DescriptorEntry, Photograph, Store, requested_descriptor
 from .work_queue import CancelToken
 
@@ -44,7 +44,7 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
         {
             "image_size": [height, width],
             "most": watch.most,
-            "photograph": None if reference is None else encoded(png(reference)),
+            "photograph": None if reference is None else as_base64(png(reference)),
         },
     )
     with as_request_error():
@@ -60,16 +60,16 @@ def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken
     send(
         "done",
         {
-            "image": encoded(png(image)),
+            "image": as_base64(png(image)),
             "id": store.add(preimage, image.numpy().tobytes()),
             **{name.lower(): value for name, value in _measures(image, reference).items()},
             "distance": float(result.distance[0]),
             "polarity": polarity,
-            "negative": encoded(png(1 - image)) if polarity is not None and polarity < SURE_POLARITY else None,
+            "negative": as_base64(png(1 - image)) if polarity is not None and polarity < SURE_POLARITY else None,
             "evaluations": int(result.evaluations[0]),
             "stop_reason": str(result.stop_reason[0]),
             "seconds": round(result.seconds, 3),
-            "history": _thinned(result.history[:, 0]),
+            "history": _thin_out(result.history[:, 0]),
             "lines": _lines(request, entry),
             "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
         },
@@ -143,7 +143,7 @@ class _Watch:
                 "distance": float(iterate.distance[0]),
                 "cc": figures["CC"],
                 "ssim": figures["SSIM"],
-                "image": encoded(png(image)),
+                "image": as_base64(png(image)),
             },
         )
         self._sent = time.monotonic()
@@ -162,7 +162,7 @@ def _measures(
     return {name: round(value, 5) if math.isfinite(value) else None for name, value in figures.items()}
 
 
-def _thinned(distances: Tensor) -> list[float]:
+def _thin_out(distances: Tensor) -> list[float]:
     """At most :data:`POINTS` of the distances, the last one included."""
     steps = torch.linspace(0, len(distances) - 1, min(POINTS, len(distances))).round().long()
     return [round(value, 5) for value in distances[steps].tolist()]

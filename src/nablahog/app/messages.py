@@ -168,19 +168,19 @@ FIT_MESSAGES: dict[str, type[FitMessage]] = {"open": Open, "pose": Turn, "curve"
 Message = TypeVar("Message")
 
 
-def decoded(data: bytes | str, message: type[Message]) -> Message:
+def decode(data: bytes | str, message: type[Message]) -> Message:
     """JSON as a message; the sentence of a RequestError says what was expected where."""
-    return _as_message(from_json(data, _struct(message)), message)  # type: ignore[arg-type]
+    return _as_message(decode_json(data, _struct(message)), message)  # type: ignore[arg-type]
 
 
-def decoded_fit_message(data: str) -> FitMessage:
+def decode_fit_message(data: str) -> FitMessage:
     """The same for one of :data:`FIT_MESSAGES`, whose ``type`` says which."""
     structs = tuple(_struct(message, tag) for tag, message in FIT_MESSAGES.items())  # type: ignore[arg-type]
-    struct = from_json(data, Union[structs])  # noqa: UP007
+    struct = decode_json(data, Union[structs])  # noqa: UP007
     return _as_message(struct, FIT_MESSAGES[struct.__struct_config__.tag])
 
 
-def from_json(data: bytes | str, kind: Any) -> Any:
+def decode_json(data: bytes | str, kind: Any) -> Any:
     """JSON as a type of msgspec."""
     try:
         return msgspec.json.decode(data, type=kind)
@@ -244,7 +244,7 @@ def png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes
     return file.getvalue()
 
 
-def encoded(data: bytes) -> str:
+def as_base64(data: bytes) -> str:
     """Bytes as base64."""
     return base64.b64encode(data).decode("ascii")
 
@@ -259,5 +259,5 @@ def glyphs(descriptor: Tensor, spec: HOGSpec, side: int) -> dict[str, Any]:
         "rows": image.height // pixels,
         "cols": image.width // cell_width(spec, pixels),
         "cell": list(spec.cell_size),
-        "image": encoded(png(image)),
+        "image": as_base64(png(image)),
     }

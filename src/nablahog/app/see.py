@@ -86,7 +86,7 @@ def _normalised_by(block: Box, entry: DescriptorEntry) -> list[int]:
     return [int(side) for side in box]
 
 
-def as_file(entry: DescriptorEntry) -> bytes:
+def encode_descriptor(entry: DescriptorEntry) -> bytes:
     """A descriptor as the file that `nablahog hog` writes."""
     file = io.BytesIO()
     with as_request_error():

@@ -28,7 +28,7 @@ from .about import about
 from .access import AccessMiddleware, AccessRules
 from .fit import Fitting
 from .invert import invert
-from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decoded, png
+from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decode, png
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -125,7 +125,7 @@ class Server:
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
-        asked = decoded(await request.body(), HogMessage)
+        asked = decode(await request.body(), HogMessage)
         return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
 
     async def _cell(self, request: Request) -> Response:
@@ -135,12 +135,12 @@ class Server:
 
     async def _descriptor_file(self, request: Request) -> Response:
         entry = self.store.get(request.path_params["id"], DescriptorEntry)
-        data = await self.quick.run(lambda _: see.as_file(entry))
+        data = await self.quick.run(lambda _: see.encode_descriptor(entry))
         headers = {"content-disposition": 'attachment; filename="descriptor.npz"'}
         return Response(data, media_type="application/octet-stream", headers=headers)
 
     async def _pose(self, request: Request) -> Response:
-        asked = decoded(await request.body(), PoseMessage)
+        asked = decode(await request.body(), PoseMessage)
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
             fitting = Fitting.of(asked, self.store)
@@ -149,7 +149,7 @@ class Server:
         return await self._json(request, self.long, fitted)
 
     async def _invert(self, request: Request) -> Response:
-        asked = decoded(await request.body(), InvertMessage)
+        asked = decode(await request.body(), InvertMessage)
         store.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
         return StreamingResponse(self._frames(asked), media_type="text/event-stream")
 

@@ -12,7 +12,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from .fit import Fitting
-from .messages import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decoded_fit_message
+from .messages import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decode_fit_message
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
@@ -46,7 +46,7 @@ class FitSocket:
     async def _do(self, text: str) -> None:
         if len(text) > MOST_CHARACTERS:
             raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
-        message = decoded_fit_message(text)
+        message = decode_fit_message(text)
         if isinstance(message, Open):
             await self._stop()
             self.scene = await self.quick.run(lambda _: Fitting.of(message, self.store))

@@ -33,7 +33,7 @@ from ..requests.sources import Source, from_photo
 from ..requests.templates import read_templates
 from . import lines
 from .lines import Reading
-from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, as_request_error, from_json
+from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, as_request_error, decode_json
 
 MOST_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
@@ -224,7 +224,7 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
     with as_request_error():
         asked = GlyphRequest(
             preset=query.get("preset") or None,
-            settings=from_json(query.get("settings") or "{}", dict[str, str]),
+            settings=decode_json(query.get("settings") or "{}", dict[str, str]),
             image_size=SIZE.read(query["image_size"]) if query.get("image_size") else None,
             key=query.get("key") or None,
         )

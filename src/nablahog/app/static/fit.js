@@ -117,7 +117,7 @@ export class Fit {
     this.#of = source?.id ?? "";
     this.#restoreObject();
     if (source?.kind !== "photo") return;
-    void this.#photo.run("Loads the photograph", (signal) => this.#box.show(source, this.app.source, signal)).then(() => {
+    void this.#photo.run("Loading the photograph", (signal) => this.#box.show(source, this.app.source, signal)).then(() => {
       if (this.#of === source.id && this.app.address.get("pose") !== null) void this.#open(); // a reload returns to it
     });
   }
@@ -139,7 +139,7 @@ export class Fit {
     const source = this.app.source.value;
     if (source?.kind !== "photo" || !checked(element("fit-ask", HTMLElement))) return;
     clearError();
-    this.#begin("open", "fit-progress", "Opens the mesh", () => this.#leave());
+    this.#begin("open", "fit-progress", "Opening the mesh", () => this.#leave());
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
@@ -191,7 +191,7 @@ export class Fit {
       case "curve":
         if (this.#curve.add(message)) this.#end("curve");
         return;
-      case "progress": return this.#waits.fit?.say(`Searches for the pose: ${message.what}`, message.done, message.total);
+      case "progress": return this.#waits.fit?.say(`Searching for the pose: ${message.what}`, message.done, message.total);
       case "step": return this.#step(message);
       case "fitted": return this.#finish(message);
       case "stopped":
@@ -247,7 +247,7 @@ export class Fit {
   #send(pose, place) {
     this.#n++;
     if (place) this.#placing = this.#n;
-    if (!this.#waits.view) this.#begin("view", "curve-progress", "Renders", () => this.#end("view"));
+    if (!this.#waits.view) this.#begin("view", "curve-progress", "Rendering", () => this.#end("view"));
     this.#session.send({ type: "pose", n: this.#n, pose, place });
   }
 
@@ -285,7 +285,7 @@ export class Fit {
   /** @param {Pose} pose */
   #askCurve(pose) {
     if (!this.#ready || this.#waits.fit) return;
-    this.#begin("curve", "curve-progress", "Computes the curve over 360°", () => this.#session.send({ type: "stop" }));
+    this.#begin("curve", "curve-progress", "Computing the curve over 360°", () => this.#session.send({ type: "stop" }));
     this.#session.send({ type: "curve", pose });
   }
 
@@ -295,7 +295,7 @@ export class Fit {
     this.#intoSight();
     this.#fitted = null;
     this.#end("curve");
-    this.#begin("fit", "search-progress", "Searches for the pose", () => this.#session.send({ type: "stop" }));
+    this.#begin("fit", "search-progress", "Searching for the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
     this.#curve.steps = [];
     element("fit-result", HTMLElement).hidden = true;
@@ -314,7 +314,7 @@ export class Fit {
   /** @param {{pose: Pose, similarity: number}} message */
   #step(message) {
     this.#curve.step(message.pose, message.similarity);
-    this.#waits.fit?.say(`Searches for the pose: similarity ${figure(message.similarity)}`);
+    this.#waits.fit?.say(`Searching for the pose: similarity ${figure(message.similarity)}`);
     const now = performance.now();
     if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
     this.#lastStep = now;

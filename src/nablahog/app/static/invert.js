@@ -118,7 +118,7 @@ export class Invert {
     let start = this.#done?.id;
     if (!start && this.#frame) {
       const frame = pngOf(this.#frame);
-      start = (await this.#newest.run("Sends the last frame", (signal) =>
+      start = (await this.#newest.run("Sending the last frame", (signal) =>
         postFile("api/photos", { name: "frame.png" }, frame, signal)))?.id;
     }
     if (start) await this.#run(start);
@@ -147,13 +147,13 @@ export class Invert {
     const body = { ...this.#asked, ...this.#options.value, start };
     const controls = this.#start.closest(".bar") ?? this.#start;
     bringIntoSight(controls, this.#canvas);
-    const result = await this.#newest.run("Makes the pre-image", (signal, wait) => invert(body, signal, {
-      queued: (count) => wait.say(count ? `Waits: ${count} before this one` : "Waits for the server"),
+    const result = await this.#newest.run("Making the pre-image", (signal, wait) => invert(body, signal, {
+      queued: (count) => wait.say(count ? `Waiting: ${count} before this one` : "Waiting for the server"),
       start: (data) => {
         photograph = data.photograph;
         this.#stage.fit(data.image_size[1], data.image_size[0]);
         bringIntoSight(controls, this.#canvas);
-        wait.say("Makes the pre-image", 0, data.most);
+        wait.say("Making the pre-image", 0, data.most);
       },
       frame: (data) => {
         if (signal.aborted) return;
@@ -162,7 +162,7 @@ export class Invert {
         this.#canvas.dataset.frames = String(this.#frames);
         this.#curve.push([before + data.evaluations, data.distance]);
         this.#painter.show(data.image);
-        wait.say(`Makes the pre-image: ${data.evaluations} evaluations`, data.evaluations, data.most);
+        wait.say(`Making the pre-image: ${data.evaluations} evaluations`, data.evaluations, data.most);
         this.#later(data);
       },
     }));
@@ -263,7 +263,7 @@ export class Invert {
   }
 
   async #descriptor() {
-    const blob = await waiting("invert-progress", "Gets the descriptor", async (signal) => {
+    const blob = await waiting("invert-progress", "Getting the descriptor", async (signal) => {
       /** @type {import("./types.js").Hog} */
       const hog = await postJson("api/hog", this.#asked, signal);
       return getBlob(`api/hog/${encodeURIComponent(hog.key)}/file`, signal);

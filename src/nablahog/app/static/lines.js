@@ -22,7 +22,7 @@ export function showLines(place, lines, sample) {
   });
   const saved = make("button", { type: "button" }, `Save ${sample?.name}`);
   saved.addEventListener("click", async () => {
-    const blob = sample && await waiting("source-progress", "Gets the photograph", (signal) =>
+    const blob = sample && await waiting("source-progress", "Getting the photograph", (signal) =>
       getBlob(`api/photos/${encodeURIComponent(sample.id)}`, signal));
     if (sample && blob) save(blob, sample.name);
   });

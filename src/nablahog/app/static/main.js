@@ -84,6 +84,6 @@ function start(about) {
   document.body.dataset.ready = "true";
 }
 
-const about = await waiting("start-progress", "Starts", (signal) => getJson("api/about", signal));
+const about = await waiting("start-progress", "Starting", (signal) => getJson("api/about", signal));
 if (about) start(about);
 else if (!element("alert", HTMLElement).textContent) showError("The start was cancelled: load the page again.");

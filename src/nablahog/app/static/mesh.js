@@ -58,7 +58,7 @@ export class MeshChooser {
   async #send(file) {
     const query = { name: file.name, up: this.#up.value, front: this.#front.value };
     /** @type {{id: string, name: string, vertices: number, faces: number} | undefined} */
-    const mesh = await this.#newest.run(`Sends ${file.name}`, (signal) => postFile("api/meshes", query, file, signal));
+    const mesh = await this.#newest.run(`Sending ${file.name}`, (signal) => postFile("api/meshes", query, file, signal));
     if (!mesh) return;
     this.#add(mesh.id, mesh.name);
     this.#select.value = mesh.id;

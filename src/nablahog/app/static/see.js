@@ -63,7 +63,7 @@ export class See {
   async #draw(source) {
     const options = this.#options.value;
     let failed = false;
-    const result = await this.#newest.run("Computes the descriptor", async (signal) => {
+    const result = await this.#newest.run("Computing the descriptor", async (signal) => {
       /** @type {[Promise<[import("./types.js").Hog, ImageBitmap]>, Promise<ImageBitmap | null>]} */
       const both = [
         this.#describe({ ...this.app.source.named, ...this.app.dialect.value, ...options }, signal),
@@ -180,7 +180,7 @@ export class See {
     const { key, signed } = this.#hog;
     let cell = this.#cells.get(`${row},${col}`);
     if (!cell) {
-      cell = await this.#newestCell.run("Reads the cell", (signal) =>
+      cell = await this.#newestCell.run("Reading the cell", (signal) =>
         getJson(`api/hog/${encodeURIComponent(key)}/cell?row=${row}&col=${col}`, signal));
       if (!cell || this.#hog?.key !== key) return;
       this.#cells.set(`${row},${col}`, cell);
@@ -193,7 +193,7 @@ export class See {
   async #download() {
     const hog = this.#hog;
     if (!hog) return;
-    const blob = await waiting("see-progress", "Gets the descriptor", (signal) =>
+    const blob = await waiting("see-progress", "Getting the descriptor", (signal) =>
       getBlob(`api/hog/${encodeURIComponent(hog.key)}/file`, signal));
     if (blob) save(blob, `${stem(this.app.source.value?.name ?? "")}.npz`);
   }

@@ -143,7 +143,7 @@ export class SourceChooser extends EventTarget {
         this.#take({ kind: "photo", ...sample });
       });
       place.append(button);
-      void waiting("source-progress", "Loads the samples", (signal) =>
+      void waiting("source-progress", "Loading the samples", (signal) =>
         getBlob(`api/photos/${encodeURIComponent(sample.id)}?size=160`, signal)).then((blob) => {
         if (blob) image.src = URL.createObjectURL(blob);
       });
@@ -203,7 +203,7 @@ export class SourceChooser extends EventTarget {
   /** @param {File} file */
   async #upload(file) {
     /** @type {import("./types.js").PhotoInfo | undefined} */
-    const photo = await this.#newest.run(`Sends ${file.name}`, (signal) =>
+    const photo = await this.#newest.run(`Sending ${file.name}`, (signal) =>
       postFile("api/photos", { name: file.name }, file, signal));
     if (photo) this.#take({ kind: "photo", ...photo });
   }
@@ -213,7 +213,7 @@ export class SourceChooser extends EventTarget {
    * @param {question.Answers} answers
    */
   async #describe(file, answers) {
-    const result = await this.#newest.run(`Sends ${file.name}`, async (signal) => {
+    const result = await this.#newest.run(`Sending ${file.name}`, async (signal) => {
       try {
         return await postFile("api/descriptors", { name: file.name, ...answers }, file, signal);
       } catch (error) {
