@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
-from nablahog.render import companion_files, mesh_bytes, mesh_file
+from nablahog.render import companion_files, mesh_bytes, mesh_file, obj_file
 from nablahog.render.mesh import load_mesh
 
 from .mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb, write
@@ -104,7 +104,7 @@ def test_damaged_files_are_refused_in_one_sentence(
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.obj", TRIANGLE + "\n" * 80_000 + "f -1 -2 -3\n"),
+        ("a.obj", TRIANGLE + "\n" * 2_000_000 + "f -1 -2 -3\n"),
         ("a.stl", "solid a\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendsolid\n" * 4_000),
     ],
 )
@@ -136,6 +136,9 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "MAX_FACES", 11)
     with pytest.raises(ValueError, match="at most 11 faces are allowed, got 12"):
         load_mesh(path)
+    monkeypatch.setattr(obj_file, "MAX_FACES", 1)
+    with pytest.raises(ValueError, match="at most 1 faces are allowed, got 2"):
+        load_mesh(write(tmp_path, "a.obj", TRIANGLE + "f 1 2 3\n"))
     monkeypatch.setattr(mesh_file, "MAX_BYTES", 100)
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)
