@@ -66,6 +66,7 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.stl", export_stl_ascii(trimesh.creation.box())[:700], "from solid to endsolid"),
         ("a.off", "4OFF\n" + CUBE_OFF[4:], "three coordinates a vertex"),
         ("a.off", CUBE_OFF.replace("1 1 1", "1,5 1 1"), "got '1,5'"),
+        ("a.off", CUBE_OFF.replace("1 1 1", "x" * 3000 + " 1 1"), "expected a number"),
         ("a.obj", TRIANGLE.replace("2 0 0", "2,5 0 0"), "numbers"),
         ("a.obj", TRIANGLE + "f 1 2 9\n", "the file does not hold"),
         ("a.obj", TRIANGLE + "f 0 1 2\n", "the file does not hold"),
@@ -98,6 +99,7 @@ def test_damaged_files_are_refused_in_one_sentence(
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
+    assert len(message) < 1000
     assert "charset" not in message  # no parser may ask for what is not installed
 
 

@@ -64,7 +64,7 @@ def _reason(error: Exception) -> str:
     if isinstance(error, KeyError):
         return one_line(f"it has no {text}", 300)
     if no_number := _NO_NUMBER.search(text):
-        return f"expected a number, such as -1.5, got {no_number[1]!r}"
+        return f"expected a number, such as -1.5, got {one_line(no_number[1], 60)!r}"
     known = next((reason for part, reason in _REASONS.items() if part in text), None)
     return known or one_line(text, 300) or type(error).__name__
 
