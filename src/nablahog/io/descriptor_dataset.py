@@ -25,6 +25,7 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec
+from ..runtime.cache import code_key
 from ..runtime.text import unicode_of
 from .descriptor_file import StoredDescriptor
 from .files import replacing
@@ -56,8 +57,8 @@ class Row:
 
 
 def shard_key(paths: Sequence[str], spec: HOGSpec, size: int) -> str:
-    """A hash of a shard's contents: the names of its images, the dialect, and the size that they are shrunk to."""
-    facts = json.dumps([FORMAT, list(paths), spec.to_json(), size])
+    """A hash of the names of a shard's images, the dialect, the size that images are shrunk to, and the code."""
+    facts = json.dumps([FORMAT, list(paths), spec.to_json(), size, code_key(), torch.__version__])
     return hashlib.sha256(facts.encode()).hexdigest()
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..hog.descriptor import describe
-from ..io.descriptor_dataset import Row, shard_key, write_shard
+from ..io.descriptor_dataset import Row, write_shard
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import read_image
 from ..io.input_file import InputFile
@@ -20,17 +20,16 @@ from .store import JobResult
 
 @dataclass(frozen=True)
 class ShardJob:
-    """Descriptors of images (files or URLs), shrunk to ``size`` pixels (0: never), for the shard ``target``."""
+    """Descriptors of images (files or URLs), shrunk to ``size`` pixels (0: never), for the shard ``target``.
+
+    Its ``key`` is :func:`.descriptor_dataset.shard_key`.
+    """
 
     paths: tuple[str, ...]
     spec: HOGSpec
     size: int
     target: str
-
-    @property
-    def key(self) -> str:
-        """A hash of the shard's contents."""
-        return shard_key(self.paths, self.spec, self.size)
+    key: str
 
     def run(self) -> JobResult:
         """Writes the shard, where an image without a descriptor has a row, too; figures are ``images`` and ``failed``.

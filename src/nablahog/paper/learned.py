@@ -93,7 +93,7 @@ def learned_from_samples(kind: str, progress: Progress) -> Path:
     Raises:
         OSError: it cannot be stored.
     """
-    path = cache_folder() / f"{kind}-{code_key(LEARNED[kind].learn, Learner)[:16]}.npz"
+    path = cache_folder() / f"{kind}-{code_key()[:16]}.npz"
     try:
         load(kind, path)
     except (OSError, ValueError):  # missing, or damaged by another program

@@ -12,7 +12,6 @@ from pathlib import Path
 from ..io.files import check_folder
 from ..jobs.store import digest
 from ..jobs.worker import local_path
-from ..pose.viewpoint_prior import FILE
 from ..render.mesh import Mesh, load_mesh, load_meshes, sample_chairs
 from ..render.mesh_file import ENDINGS
 from ..runtime.text import unicode_of
@@ -117,12 +116,12 @@ class Model:
         return _mesh(self, self.digest())
 
     def digest(self) -> str:
-        """A hash of all files that the mesh depends on.
+        """A hash of its file; empty for a chair that comes with the package.
 
         Raises:
             OSError: the file cannot be read.
         """
-        return f"{digest(FILE)}{digest(SCENE_CHAIRS)}" if self.file is None else digest(local_path(self.file))
+        return "" if self.file is None else digest(local_path(self.file))
 
 
 @lru_cache(CACHED)

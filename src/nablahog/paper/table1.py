@@ -49,7 +49,7 @@ class ReconstructionJob:
             "seed": settings.seed,
             "max_evaluations": settings.max_evaluations,
             "learned": [digest(path) for path in self.files()],
-            "code": code_key(ReconstructionJob, method.run),
+            "code": code_key(method.run),
         }
         return key_of(facts, self.image)
 

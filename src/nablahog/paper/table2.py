@@ -54,7 +54,7 @@ class PoseJob:
             "models": [[model.name, model.digest()] for model in self.models],
             "initial": self.initial,
             "seed": self.settings.seed,
-            "code": code_key(PoseJob, self.method.run, *filter(None, [self.method.prepare])),
+            "code": code_key(self.method.run, *filter(None, [self.method.prepare])),
         }
         return key_of(facts, self.image)
 

@@ -7,7 +7,7 @@ The distance and shift of a view are those at which the model's outline fills a 
 from __future__ import annotations
 
 import hashlib
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -128,17 +128,12 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
 @lru_cache(maxsize=_CACHED)
 def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
     numbers = spec.channels * whitener.rows * whitener.cols
-    facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, _code(), torch.__version__)
+    facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, code_key(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
     made = cached_array(
         "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation, LIGHT).numpy()
     )
     return torch.from_numpy(made)
-
-
-@cache
-def _code() -> str:
-    return code_key(_described)
 
 
 def _described(

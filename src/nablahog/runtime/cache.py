@@ -5,15 +5,20 @@ from __future__ import annotations
 import hashlib
 import inspect
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from importlib.abc import Traversable
 
 VARIABLE = "NABLAHOG_CACHE_DIR"
-PACKAGE = Path(__file__).parents[1]
-TALK = ("app", "cli", "compat", "viz")
-"""Rooms that show results, and make none."""
+NAME = "nablahog"
+PACKAGE = files(NAME)
+SOURCES, LIBRARY = (".cpp", ".h"), ".so"
 
 
 def cache_folder() -> Path:
@@ -29,35 +34,52 @@ def cache_folder() -> Path:
         return Path(given).absolute()
     from platformdirs import user_cache_path
 
-    path = user_cache_path("nablahog")
+    path = user_cache_path(NAME)
     if not path.is_absolute():  # "~" where there is no home
         raise FileNotFoundError(f"there is no folder for caches: the user has no home, and {VARIABLE} is not set")
     return path
 
 
 def code_key(*definitions: Callable[..., Any]) -> str:
-    """A hash of the code of this package, and of the files that define functions or classes elsewhere.
+    """A hash of all files of this package, and of the files that define functions or classes elsewhere.
 
-    Definitions may be a ``functools.partial`` of a function, too.  Rooms of the package that only show results count
-    where they define one.  Of compiled loops the sources count, or, where these are not installed, the library.
+    Whatever the package is installed with counts: code, pages, data.  Of compiled loops the sources count, or, where
+    these are not installed, the libraries.
+
+    Args:
+        definitions: functions or classes; those of this package change nothing.  A ``functools.partial`` stands for
+            its function.
     """
-    return _key(frozenset(map(_file, definitions)))
+    functions = (each.func if isinstance(each, partial) else each for each in definitions)
+    modules = sorted({function.__module__ for function in functions})
+    keys = [_key_of_module(module) for module in modules if module.partition(".")[0] != NAME]
+    return hashlib.sha256(repr([_key_of_package(), *keys]).encode()).hexdigest()
 
 
 @cache
-def _key(files: frozenset[Path]) -> str:
-    shown = {PACKAGE / room for room in TALK}
-    code = {file for file in PACKAGE.rglob("*.py") if shown.isdisjoint(file.parents)}
-    native = PACKAGE / "native"
-    code |= {*native.glob("*.h"), *native.glob("*.cpp")} or {*native.glob("core.so")}
-    contents = sorted((_name(file), hashlib.sha256(file.read_bytes()).hexdigest()) for file in code | files)
-    return hashlib.sha256(repr(contents).encode()).hexdigest()
+def _key_of_package() -> str:
+    contents = dict(_files(PACKAGE))
+    if any(path.endswith(SOURCES) for path in contents):
+        contents = {path: file for path, file in contents.items() if not path.endswith(LIBRARY)}
+    hashes: list[Any] = [
+        (path, hashlib.sha256(file.read_bytes()).hexdigest()) for path, file in sorted(contents.items())
+    ]
+    if getattr(sys, "frozen", False):  # a program that holds the code of all its modules
+        state = os.stat(sys.executable)
+        hashes.append((state.st_mtime_ns, state.st_size))
+    return hashlib.sha256(repr(hashes).encode()).hexdigest()
 
 
-def _name(file: Path) -> str:
-    """Independent of where the package is installed."""
-    return file.relative_to(PACKAGE).as_posix() if file.is_relative_to(PACKAGE) else file.name
+def _files(folder: Traversable, parent: str = "") -> Iterator[tuple[str, Traversable]]:
+    """The files below a folder, which may lie in an archive, and their paths from there; not what Python compiles."""
+    for entry in folder.iterdir():
+        path = f"{parent}{entry.name}"
+        if not entry.is_dir():
+            yield path, entry
+        elif entry.name != "__pycache__":
+            yield from _files(entry, f"{path}/")
 
 
-def _file(definition: Callable[..., Any]) -> Path:
-    return Path(inspect.getfile(definition.func if isinstance(definition, partial) else definition))
+@cache
+def _key_of_module(name: str) -> str:
+    return hashlib.sha256(inspect.getsource(sys.modules[name]).encode()).hexdigest()

@@ -125,20 +125,24 @@ def _write_each(
 def hog_dataset(arguments: Namespace) -> int:
     """Describes all images, :data:`SHARD` to a file; keeps what an earlier run has done; returns the exit status."""
     with extra("dataset", "a data set of descriptors"):
-        from ...io.descriptor_dataset import read_shard_key, shard_name
+        from ...io.descriptor_dataset import read_shard_key, shard_key, shard_name
         from ...jobs.describing import ShardJob
     request = request_of(HogRequest, arguments)
+    spec, size = request.spec, request.longer_side
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
     jobs = [
-        ShardJob(part, request.spec, request.longer_side, f"{target}/{shard_name(number)}")
+        ShardJob(part, spec, size, f"{target}/{shard_name(number)}", shard_key(part, spec, size))
         for number, part in enumerate(parts)
     ]
     _check_empty(target, [job.target for job in jobs])
     keys = [read_shard_key(job.target) for job in jobs]
     for job, key in zip(jobs, keys, strict=True):
         if key not in (None, job.key):
-            raise ValueError(f"{job.target} has other images, or another kind of descriptor: expected another -o")
+            raise ValueError(
+                f"{job.target} has other images, or another kind of descriptor, or another version of nablahog or "
+                "PyTorch wrote it: expected another -o"
+            )
     missing = [job for job, key in zip(jobs, keys, strict=True) if key is None]
     failed = _do(missing, len(paths) - sum(len(job.paths) for job in missing), len(paths), arguments)
     return _report(target, failed)

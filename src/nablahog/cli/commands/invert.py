@@ -193,7 +193,7 @@ class InversionJob:
                 if each.name != "prior"
             },
             "prior": [digest(file) for file in self.files()] or self.request.prior,
-            "code": code_key(InversionJob),
+            "code": code_key(),
         }
         return key_of(facts, source.descriptor.numpy())
 

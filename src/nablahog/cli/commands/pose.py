@@ -190,7 +190,7 @@ class ObjectJob:
             "files": [digest(path) for path in self.files()],
             "request": asdict(replace(self._whole(), **_NO_PART_OF_A_RESULT)),
             "models": [name for name, _ in self.models],
-            "code": code_key(ObjectJob),
+            "code": code_key(),
         }
         return key_of(facts, np.empty(0, np.float32))
 

@@ -206,7 +206,7 @@ class ExemplarLibrary:
     def __init__(self, folder: Path | None, background: Background, sampling: ViewSampling = VIEW_SAMPLING) -> None:
         self.folder, self.background, self.sampling = folder, background, sampling
         self._views: dict[str, ExemplarViews] = {}
-        facts = [ExemplarViews.FORMAT, code_key(learn_views), asdict(sampling), background.spec.to_json()]
+        facts = [ExemplarViews.FORMAT, code_key(), asdict(sampling), background.spec.to_json()]
         self._common = hashlib.sha256(json.dumps(facts).encode())
         for array in (background.mean, background.covariance):
             self._common.update(array.numpy().tobytes())
