@@ -137,11 +137,11 @@ class BilinearCells(Pooling):
         # pixels 0 … last - 1 of the cells, or of the image, vote; without the first and the last if there is a ring
         last = {"vote": pixels, "drop": min(cells * cell, pixels), "repeat": cells * cell}[self.beyond]
         first, weights = triangles(max(last, pixels), cell, like)
-        weights[last - ring :] = 0
+        weights[last - int(ring) :] = 0  # not ring itself: torch.jit.trace makes the sides tensors
         if ring:
             weights[:1] = 0
         if last > pixels:
-            first, weights = _repeated(first, weights, pixels, max(pixels - 1 - ring, 0), last, cell)
+            first, weights = _repeated(first, weights, pixels, max(pixels - 1 - int(ring), 0), last, cell)
         if self.edge_gain != 1:
             own = first.unsqueeze(1) + torch.arange(weights.shape[1], device=like.device)
             weights = torch.where((own == 0) | (own == cells - 1), weights * self.edge_gain, weights)
