@@ -31,7 +31,7 @@ print(native.available())
 
 def run(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """A program in a fresh process, with the libraries of the package unless others are named."""
-    inherited = {name: value for name, value in os.environ.items() if name != native.FOLDER}
+    inherited = {name: value for name, value in os.environ.items() if name != native.LIBRARY_FOLDER}
     return subprocess.run([sys.executable, "-c", program], env=inherited | environment, capture_output=True, text=True)
 
 

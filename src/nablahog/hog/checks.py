@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
 
-LEAST, MOST = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
+LEAST_CONSTANT, MOST_CONSTANT = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
 LONGEST_SIDE = 1_000_000  # in pixels or cells
 _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
 """For each class, the type and check of each field; read once, since torch.compile cannot trace the reading."""
@@ -59,9 +59,9 @@ def check_choice(field: str, value: object, choices: Any) -> None:
 
 
 def check_positive(field: str, value: object) -> None:
-    """``value`` is a number in :data:`LEAST` … :data:`MOST`."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not LEAST <= value <= MOST:
-        raise ValueError(f"{field} must be a number in {LEAST:g} … {MOST:g}, got {shortened(value)}")
+    """``value`` is a number in :data:`LEAST_CONSTANT` … :data:`MOST_CONSTANT`."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not LEAST_CONSTANT <= value <= MOST_CONSTANT:
+        raise ValueError(f"{field} must be a number in {LEAST_CONSTANT:g} … {MOST_CONSTANT:g}, got {shortened(value)}")
 
 
 def check_pair(field: str, value: object) -> None:

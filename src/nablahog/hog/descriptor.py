@@ -164,9 +164,9 @@ def _choose_engine(x: Tensor, spec: HOGSpec, backend: Backend) -> Engine:
         return kernels.engine_of(spec)
     if not _uses_triton(x.device, backend):
         return REFERENCE
-    from .triton.steps import ENGINE
+    from .triton.steps import TRITON_ENGINE
 
-    return ENGINE
+    return TRITON_ENGINE
 
 
 def histograms(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:

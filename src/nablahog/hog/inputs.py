@@ -28,9 +28,9 @@ ArrayImage: TypeAlias = "NDArray[Any] | Image"
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
-SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
-SMALL = 2**12  # values that are all looked at
-OVERSHOOT = 1.0  # above white; filters overshoot by less
+SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
+FEW_VALUES = 2**12  # values that are all looked at
+RANGE_OVERSHOOT = 1.0  # above white; filters overshoot by less
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
@@ -146,7 +146,7 @@ def warn_about_range(images: Tensor, spec: HOGSpec) -> None:
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
-    if images.is_cpu and images.is_floating_point() and 1 + OVERSHOOT < _largest_value(images) < math.inf:
+    if images.is_cpu and images.is_floating_point() and 1 + RANGE_OVERSHOOT < _largest_value(images) < math.inf:
         _warn(
             "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
             "uint8, and pass images of a network as they were before their mean was subtracted"
@@ -157,9 +157,9 @@ def _largest_value(images: Tensor) -> float:
     """Of some rows and columns of large images; 0 if values are not known.  Of centred images it tells enough."""
     values = images.detach()
     try:
-        if values.numel() <= SMALL:
+        if values.numel() <= FEW_VALUES:
             return values.max().item() if values.numel() else 0
-        spacing = min(SPACING, min(values.shape[2:]) // SPACING) or 1
+        spacing = min(SAMPLE_SPACING, min(values.shape[2:]) // SAMPLE_SPACING) or 1
         # NumPy is faster with slices, and wakes no threads
         return float(np.maximum.reduce(values.numpy()[..., ::spacing, ::spacing], axis=None))
     except RuntimeError:  # tensors of torch.func's transforms have no storage

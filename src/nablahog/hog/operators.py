@@ -28,7 +28,7 @@ def _spec_of(text: str) -> HOGSpec:
 
 def _step(name: str, images: Tensor, text: str) -> Step:
     """On a CPU or a GPU: a graph may be loaded where nothing has asked for Triton yet."""
-    engine = kernels.ENGINE
+    engine = kernels.NATIVE_ENGINE
     if images.is_cuda:
         from .triton.steps import EXPORTED_ENGINE as engine
     return make_step(getattr(engine, name), _spec_of(text), images.shape[1:], images.dtype, real_dtype(images.dtype))

@@ -17,7 +17,7 @@ from .spec import Angle, Boundary, HOGSpec
 Shares: TypeAlias = tuple[Tensor, Tensor | int]
 _SLACK = 1e-9  # radians
 # OpenCV ``core/src/mathfuncs_core``: atan(t) of t in 0…1, an odd polynomial, in radians
-_OPENCV = (0.9997878412794807, -0.3258083974640975, 0.1555786518463281, -0.04432655554792128)
+_OPENCV_ARCTANGENT = (0.9997878412794807, -0.3258083974640975, 0.1555786518463281, -0.04432655554792128)
 VLFEAT_LEAST = 1e-10  # VLFeat's least magnitude
 
 
@@ -86,7 +86,7 @@ def _exact_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor
 
 def opencv_table(spec: HOGSpec) -> tuple[float, ...]:
     """Its four coefficients in degrees, the guard of its division, a degree in radians, and bins by radian: float32."""
-    degrees = [p * 180 / math.pi for p in _OPENCV]
+    degrees = [p * 180 / math.pi for p in _OPENCV_ARCTANGENT]
     guard = torch.finfo(torch.float64).eps
     return tuple(float(np.float32(x)) for x in (*degrees, guard, math.pi / 180, spec.bins / spec.period))
 

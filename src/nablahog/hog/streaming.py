@@ -24,7 +24,7 @@ from .strips import Strip, Strips
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-MEMORY = 2**28  # bytes of a strip
+STRIP_BYTES = 2**28  # bytes of a strip
 _SUMMED = 256  # the compiled global normaliser sums so many numbers in their own precision, then in double
 
 
@@ -55,7 +55,7 @@ class DescriptorStrip(NamedTuple):
     descriptor: npt.NDArray[Any]
 
 
-def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = MEMORY) -> Iterator[DescriptorStrip]:
+def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTES) -> Iterator[DescriptorStrip]:
     """Computes the HOG descriptor of an image that is larger than memory, in strips of rows from the top.
 
     The rows are those of ``hog`` for the whole image, bit by bit: ``np.concatenate([strip.descriptor for strip

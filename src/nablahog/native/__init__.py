@@ -22,10 +22,10 @@ from torch import Tensor
 
 INSTRUCTIONS = "NABLAHOG_INSTRUCTIONS"
 """Environment variable with the best instructions to use: ``none`` (plain PyTorch), ``v2``, ``v3`` or ``v4``."""
-FOLDER = "NABLAHOG_NATIVE"
+LIBRARY_FOLDER = "NABLAHOG_NATIVE"
 """Environment variable with another folder to load the libraries from, such as one built with sanitizers."""
 _SOURCES = Path(__file__).parent
-_LEVELS = {"none": 0, "v2": 2, "v3": 3, "v4": 4}
+_INSTRUCTION_LEVELS = {"none": 0, "v2": 2, "v3": 3, "v4": 4}
 
 
 @cache
@@ -38,11 +38,11 @@ def library() -> ctypes.CDLL | None:
         ValueError: the environment asks for instructions that are unknown.
     """
     wanted = os.environ.get(INSTRUCTIONS, "v4")
-    if wanted not in _LEVELS:
-        raise ValueError(f"{INSTRUCTIONS} must be one of {', '.join(_LEVELS)}, got {wanted!r}")
+    if wanted not in _INSTRUCTION_LEVELS:
+        raise ValueError(f"{INSTRUCTIONS} must be one of {', '.join(_INSTRUCTION_LEVELS)}, got {wanted!r}")
     if wanted == "none":
         return None
-    core = Path(os.environ.get(FOLDER, _SOURCES)) / "core.so"  # on every system
+    core = Path(os.environ.get(LIBRARY_FOLDER, _SOURCES)) / "core.so"  # on every system
     if not core.exists():
         warnings.warn(
             "nablahog has no compiled loops, and runs many times slower on plain PyTorch: install a C++ compiler "
@@ -56,7 +56,7 @@ def library() -> ctypes.CDLL | None:
     changed = changed_since(core)
     if changed:
         raise RuntimeError(f"{', '.join(changed)} changed after the compiled loops were built: run `make native`")
-    level = min(_LEVELS[wanted], ctypes.CDLL(str(core)).nablahog_level())
+    level = min(_INSTRUCTION_LEVELS[wanted], ctypes.CDLL(str(core)).nablahog_level())
     best = core.with_stem(f"core_v{level}") if level > 2 else core
     return ctypes.CDLL(str(best))
 

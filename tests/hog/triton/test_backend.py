@@ -14,7 +14,7 @@ import torch
 from nablahog import hog, presets
 from nablahog.hog import triton as kernels
 from nablahog.hog.engine import REFERENCE, Engine
-from nablahog.hog.kernels.tables import VOTES
+from nablahog.hog.kernels.tables import VOTE_CODES
 from nablahog.hog.orientation import HARD_VOTES, LINEAR_VOTES
 from nablahog.hog.triton import steps
 
@@ -43,13 +43,13 @@ def chosen_engine() -> Engine:
 
 def test_every_vote_rule_has_a_function() -> None:
     rules = [*LINEAR_VOTES.values(), *HARD_VOTES.values()]
-    assert {rule.name for rule in rules} == {*steps.RULES} == {*VOTES}
+    assert {rule.name for rule in rules} == {*steps.RULES} == {*VOTE_CODES}
 
 
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
-    assert chosen_engine() is steps.ENGINE
+    assert chosen_engine() is steps.TRITON_ENGINE
     assert not kernels.chosen(torch.device("cpu"))
 
 

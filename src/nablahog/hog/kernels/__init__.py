@@ -10,7 +10,7 @@ from ..engine import REFERENCE, Engine
 from ..spec import HOGSpec
 from .loops import NativeCells, NativeDescribe, NativeNorm
 
-ENGINE = Engine(NativeCells, NativeNorm, NativeDescribe)
+NATIVE_ENGINE = Engine(NativeCells, NativeNorm, NativeDescribe)
 _CELLS_ALONE = Engine(NativeCells)
 
 
@@ -19,7 +19,7 @@ def engine_of(spec: HOGSpec) -> Engine:
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
     if smoothed_border or not native.available():
         return REFERENCE
-    return ENGINE if spec.normalizer.has_loops else _CELLS_ALONE
+    return NATIVE_ENGINE if spec.normalizer.has_loops else _CELLS_ALONE
 
 
 def supports(spec: HOGSpec) -> bool:

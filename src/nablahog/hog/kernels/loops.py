@@ -18,18 +18,18 @@ from ..engine import Cells, Describe, Norm, OutputAndSaved, Step
 from ..spec import HOGSpec
 from .tables import ImageTables, NormTables
 
-_LARGE = 2**16  # pixels of an image that is worth more than one thread
+_PIXELS_FOR_THREADS = 2**16  # pixels of an image that is worth more than one thread
 _CPU = torch.device("cpu")  # whatever the default device is
-_NOTHING = torch.empty(0, device=_CPU)
-_PIXELS = c_void_p, c_void_p, c_void_p  # tables, images, strides
+_NOTHING_SAVED = torch.empty(0, device=_CPU)
+_IMAGES = c_void_p, c_void_p, c_void_p  # tables, images, strides
 _RANGE = c_int64, c_int64
-_hog = native.function("hog", *_PIXELS, *_RANGE, c_void_p, c_void_p)
-_hog_bands = native.function("hog_bands", *_PIXELS, *_RANGE, c_void_p, c_void_p)
+_hog = native.function("hog", *_IMAGES, *_RANGE, c_void_p, c_void_p)
+_hog_bands = native.function("hog_bands", *_IMAGES, *_RANGE, c_void_p, c_void_p)
 _band_size = native.function("band_size", c_void_p, c_void_p)
 _join_bands = native.function("join_bands", c_void_p, c_void_p, c_void_p)
-_hog_vjp = native.function("hog_vjp", *_PIXELS, *_RANGE, c_void_p, c_void_p, c_void_p)
-_hog_vjp_rows = native.function("hog_vjp_rows", *_PIXELS, *_RANGE, c_void_p, c_void_p, c_void_p)
-_hog_jvp = native.function("hog_jvp", *_PIXELS, *_RANGE, c_void_p, c_void_p, c_void_p)
+_hog_vjp = native.function("hog_vjp", *_IMAGES, *_RANGE, c_void_p, c_void_p, c_void_p)
+_hog_vjp_rows = native.function("hog_vjp_rows", *_IMAGES, *_RANGE, c_void_p, c_void_p, c_void_p)
+_hog_jvp = native.function("hog_jvp", *_IMAGES, *_RANGE, c_void_p, c_void_p, c_void_p)
 _normalize = native.function("normalize", c_void_p, *_RANGE, c_void_p, c_void_p)
 _normalize_vjp = native.function("normalize_vjp", c_void_p, *_RANGE, c_void_p, c_void_p, c_void_p)
 _normalize_jvp = native.function("normalize_jvp", c_void_p, *_RANGE, c_void_p, c_void_p, c_void_p)
@@ -53,7 +53,7 @@ class _ImageStep(Step):
         self.converts = stored == torch.uint8 and real == torch.float64  # the loops compute bytes in float32
         self._stored = real if self.converts else stored
         self._channels, self.height, self._width = shape
-        self.is_large = self.height * self._width >= _LARGE
+        self.is_large = self.height * self._width >= _PIXELS_FOR_THREADS
 
     def _make_tables(self, spec: HOGSpec) -> ImageTables:
         return ImageTables(spec, (self._channels, self.height, self._width), self._stored)
@@ -75,7 +75,7 @@ class _ImageStep(Step):
         count, tables, normalizes = x.shape[0], self.tables, self.normalizes
         pixels = tables.address, x.data_ptr(), _strides(*x.stride())[1]
         in_bands = self.is_large and count == 1 and torch.get_num_threads() > 1
-        cells = descriptors = _NOTHING
+        cells = descriptors = _NOTHING_SAVED
         if saves or in_bands or not normalizes:
             cells = torch.empty((count, *tables.cells), dtype=tables.dtype, device=_CPU)
         if saves or normalizes:
@@ -151,7 +151,7 @@ class NativeNorm(Norm):
     def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         cells, descriptors = x.contiguous(), x.new_empty((len(x), *self.tables.grid))
         run_in_threads(_normalize, len(x), (self.tables.address,), (cells.data_ptr(), descriptors.data_ptr()))
-        return descriptors, x.new_empty((len(x), 0)) if saves else _NOTHING
+        return descriptors, x.new_empty((len(x), 0)) if saves else _NOTHING_SAVED
 
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
         cells, grad = x.contiguous(), grad_output.contiguous()

@@ -15,10 +15,10 @@ from ..orientation import VLFEAT_LEAST, beginnings, opencv_table, vanishing, vot
 from ..spec import HOGSpec
 from ..taps import PixelCells, pixel_cells
 
-PIXELS = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
+PIXEL_CODES = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
 MIRROR, REPEAT, CONSTANT = range(3)
-VOTES = {"linear": 0, "opencv": 1, "vlfeat": 2, "nearest": 3, "begun": 4}
-PADDING = 16  # numbers of the widest vector: tables of columns are rounded up to these, and have as many more
+VOTE_CODES = {"linear": 0, "opencv": 1, "vlfeat": 2, "nearest": 3, "begun": 4}
+COLUMN_PADDING = 16  # numbers of the widest vector: tables of columns are rounded up to these, and have as many more
 
 _int32, _int64, _double, _pointer = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
@@ -120,7 +120,7 @@ class NormTables:
         self.grid = norm.footprint(0).count(rows), norm.footprint(1).count(cols), spec.channels
         self._alive: list[Any] = []
         self.struct = TablesStruct(
-            pixels=PIXELS[dtype],
+            pixels=PIXEL_CODES[dtype],
             bins=spec.bins,
             rows=AxisStruct(cells=rows),
             cols=AxisStruct(cells=cols),
@@ -165,7 +165,7 @@ class ImageTables(NormTables):
             channels=channels,
             height=height,
             width=width,
-            pixels=PIXELS[stored],
+            pixels=PIXEL_CODES[stored],
             rows=self._axis(rows),
             cols=self._columns(cols),
         )
@@ -198,7 +198,7 @@ class ImageTables(NormTables):
         directions = vote_directions(spec)
         up = -1.0 if spec.counterclockwise else 1.0
         self._set(
-            votes=VOTES[vote_rule(spec).name],
+            votes=VOTE_CODES[vote_rule(spec).name],
             is_signed=spec.signed,
             bin_before=spec.bins - 1 + beginnings(spec)[1],
             tiny=vanishing(self.dtype),
@@ -235,4 +235,4 @@ class ImageTables(NormTables):
 
 
 def _padded(width: int) -> int:
-    return -(-width // PADDING) * PADDING + PADDING
+    return -(-width // COLUMN_PADDING) * COLUMN_PADDING + COLUMN_PADDING

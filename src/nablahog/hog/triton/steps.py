@@ -25,7 +25,7 @@ from .parameters import KernelTables, Reading, columns_at_once, make_tables
 RULES = {name: getattr(votes, f"{name}_votes") for name in ("linear", "opencv", "vlfeat", "nearest", "begun")}
 """Vote rules by their names: those of :class:`..orientation.VoteRule`."""
 
-EXACT: dict[str, Any] = {"enable_fp_fusion": False}
+EXACT_PRODUCTS: dict[str, Any] = {"enable_fp_fusion": False}
 """a · b + c is rounded twice, as in PyTorch: which of two equal channels or bins counts must not depend on it."""
 VJP_ROWS, VJP_COLUMNS = 16, 32
 """Pixels of a tile of the vjp, with its rim."""
@@ -148,7 +148,7 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
             CLAMPED=cols.bands.longest > images.shape[3],
             CHECKED=images.is_floating_point(),
             num_warps=1,
-            **EXACT,
+            **EXACT_PRODUCTS,
         )
     return out, flags
 
@@ -193,7 +193,7 @@ def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: H
                 TILE_Y=tile_y,
                 TILE_X=tile_x,
                 num_warps=_VJP_WARPS,
-                **EXACT,
+                **EXACT_PRODUCTS,
             )
     return out
 
@@ -235,5 +235,5 @@ class TritonDescribe(Describe):
         return jvp_by_vjp(self.reference, (x,), (tangent,))
 
 
-ENGINE = Engine(TritonCells)
+TRITON_ENGINE = Engine(TritonCells)
 EXPORTED_ENGINE = Engine(TritonCells, describe=TritonDescribe)
