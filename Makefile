@@ -8,7 +8,7 @@ OUT ?= out/demo
 bin := $(VENV)/bin
 installed := $(VENV)/.installed
 
-.PHONY: demo app native test sanitize docs coverage fuzz mutants bounds lint wheels clean
+.PHONY: demo app native test sanitize docs coverage fuzz mutants bounds generated lint wheels clean
 
 demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
 	$(bin)/nablahog demo -o $(OUT)
@@ -45,6 +45,9 @@ mutants: native  ## breaks 200 lines, one after the other, and lists those that 
 bounds: $(installed)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
 	$(bin)/python -m pip install --quiet uv
 	PATH="$(abspath $(bin)):$$PATH" .ci/bounds $(ARGS)
+
+generated: native  ## stubs, tables of the pages and the stored public surface, from the code that they repeat
+	$(bin)/python -m tests.generated
 
 lint: $(installed)  ## style and types
 	$(bin)/clang-format --dry-run -Werror src/nablahog/native/*.h src/nablahog/native/*.cpp benchmarks/*.cpp

@@ -15,15 +15,14 @@ from nablahog.hog import hog
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from tests.golden import PEERS, Case, archive, cases
-from tests.golden.specs import dtype_of, spec_of, stored
 
 
 def difference(case: Case) -> torch.Tensor:
     """The operator's entries less the library's, in one row, float64."""
-    torch.set_default_dtype(dtype_of(case))
-    result = hog(case.image, spec_of(case), layout="native")[0]
+    torch.set_default_dtype(case.dtype)
+    result = hog(case.image, case.spec, layout="native")[0]
     torch.set_default_dtype(torch.float32)
-    return (result.double() - stored(case).double()).flatten()
+    return (result.double() - case.stored.double()).flatten()
 
 
 def main() -> None:

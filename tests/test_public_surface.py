@@ -1,7 +1,7 @@
 """The public names, kinds and signatures are those of tests/public_surface.json.
 
-After an intended change of the public surface, `python -m tests.test_public_surface` writes the file anew; check its
-difference, and say in CHANGELOG.md what has changed.
+After an intended change of the public surface, `make generated` writes the file anew; check its difference, and say in
+CHANGELOG.md what has changed.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from tests.generated import write
 from tests.public_surface import surface
 
 STORED = Path(__file__).with_name("public_surface.json")
@@ -18,10 +19,10 @@ def test_the_public_surface_is_the_stored_one() -> None:
     stored, present = json.loads(STORED.read_text()), surface()
     changed = sorted(name for name in {*stored, *present} if stored.get(name) != present.get(name))
     assert stored == present, (
-        f"the public surface has changed in {', '.join(changed)}: if that is meant, run `python -m "
-        "tests.test_public_surface` and say so in CHANGELOG.md"
+        f"the public surface has changed in {', '.join(changed)}: if that is meant, run `make generated` "
+        "and say so in CHANGELOG.md"
     )
 
 
 if __name__ == "__main__":
-    STORED.write_text(json.dumps(surface(), indent=1, ensure_ascii=False) + "\n")
+    write()

@@ -126,4 +126,4 @@ plt.show()
 # ``reconstruct`` avoids this: :doc:`/reconstruction`.
 #
 # To use it in ``reconstruct`` as ``Search(minimiser="nesterov")``, put it into a file of the folder
-# ``src/nablahog/optimize`` and its name into ``__init__.py``, as :doc:`/contributing` says.
+# ``src/nablahog/optimize`` and run ``make generated``, as :doc:`/contributing` says.

@@ -17,7 +17,7 @@ from nablahog.hog import (
     GlobalNorm,
     HOGSpec,
 )
-from nablahog.hog.normalizers import PARTS
+from nablahog.hog.normalizers.four_block import PARTS
 from nablahog.hog.spec import Border, Boundary, Colour, ColourTies, Derivative, Directions, Gamma, Mask, PartialCells
 
 from ..hog.zoo import fits

@@ -14,7 +14,9 @@ from torch.testing import assert_close
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, hog, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.gradient import gradient
-from nablahog.hog.normalizers import BlockForm, GlobalForm, Normalizer
+from nablahog.hog.normalizers import Normalizer
+from nablahog.hog.normalizers.block import BlockForm
+from nablahog.hog.normalizers.per_cell import GlobalForm
 from nablahog.hog.steps import normalize_reference
 
 from .differences import Function, analytic, assert_jacobian_equals_central_differences, one_sided, vector

@@ -12,7 +12,6 @@ from torch.testing import assert_close
 from nablahog.hog import hog, presets
 from nablahog.hog.descriptor import Backend
 from tests.golden import PEERS, Case, cases
-from tests.golden.specs import dtype_of, spec_of, stored
 
 TOLERANCE = 1e-6  # of descriptors whose entries reach 0.2 … 1: sums of float32 in another order
 EVERY = [case for peer in PEERS for case in cases(peer)]
@@ -25,8 +24,8 @@ vlfeat_cases = pytest.mark.parametrize("case", VLFEAT, ids=str)
 def dtype(case: Case) -> Iterator[torch.dtype]:
     """The precision that the program works in, as PyTorch's default."""
     before = torch.get_default_dtype()
-    torch.set_default_dtype(dtype_of(case))
-    yield dtype_of(case)
+    torch.set_default_dtype(case.dtype)
+    yield case.dtype
     torch.set_default_dtype(before)
 
 
@@ -34,23 +33,23 @@ def dtype(case: Case) -> Iterator[torch.dtype]:
 @pytest.mark.parametrize("backend", ["auto", "torch"])
 def test_equals_the_program(case: Case, dtype: torch.dtype, backend: Backend) -> None:
     """In its own precision and layout, by the compiled loops and by the plain steps."""
-    result = hog(case.image, spec_of(case), layout="native", backend=backend)[0]
+    result = hog(case.image, case.spec, layout="native", backend=backend)[0]
     assert result.dtype == dtype
-    assert result.shape == stored(case).shape
-    assert_close(result.float(), stored(case), rtol=0, atol=TOLERANCE)
+    assert result.shape == case.stored.shape
+    assert_close(result.float(), case.stored, rtol=0, atol=TOLERANCE)
 
 
 @every_case
 def test_bytes_equal_floats(case: Case) -> None:
     """k/255·255 is k again in float32: no bin depends on which is given."""
-    spec = spec_of(case)
+    spec = case.spec
     assert torch.equal(hog(case.image, spec), hog(case.image.float() / 255, spec))
 
 
 @every_case
 def test_double_precision_differs_in_rounding_only(case: Case) -> None:
     """Of 8-bit images all gradients are exact in float32, and with them all ties."""
-    spec = spec_of(case)
+    spec = case.spec
     if spec.gamma == "sqrt":
         pytest.skip("roots are not")
     double = hog(case.image.double() / 255, spec)

@@ -14,7 +14,7 @@ from skimage import data
 from skimage.feature import hog as skimage_hog
 
 from nablahog.hog import hog, presets
-from nablahog.hog.normalizers import BlockForm
+from nablahog.hog.normalizers.block import BlockForm
 
 TOLERANCE = 1e-6  # theirs adds the votes of a cell in float32, whatever the image
 

@@ -27,7 +27,7 @@ small = st.integers(1, 4)
 a_few_times = settings(max_examples=3)  # for each dialect
 
 # one for each way through the code; a compiler takes a second for each
-COMPILED = ("paper", "uoctti", "uoctti-hard", "vlfeat-bilinear", "dlib", "cnn-hog", "skimage", "opencv", "maskfeat")
+COMPILED = ("paper", "uoctti", "uoctti-hard", "vlfeat-bilinear", "dlib", "cnn_hog", "skimage", "opencv", "maskfeat")
 compiled = pytest.mark.parametrize("name", COMPILED)
 
 

@@ -15,8 +15,8 @@ from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.kernels import supports
-from nablahog.hog.normalizers import NORMALIZERS, Footprint, Normalizer, PerCell
-from nablahog.hog.poolings import POOLINGS, Pooling, Taps
+from nablahog.hog.normalizers import Footprint, Normalizer, PerCell
+from nablahog.hog.poolings import Pooling, Taps
 from nablahog.invert import Search
 
 from .differences import assert_jacobian_equals_central_differences
@@ -76,9 +76,7 @@ class WideCells(Pooling):
 
 
 @pytest.fixture(params=["normalizer", "pooling", "both"])
-def new(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> HOGSpec:
-    monkeypatch.setitem(NORMALIZERS, Pairs.kind, Pairs)
-    monkeypatch.setitem(POOLINGS, WideCells.kind, WideCells)
+def new(request: pytest.FixtureRequest) -> HOGSpec:
     normalizer = GlobalNorm(0.1) if request.param == "pooling" else Pairs()
     pooling = BilinearCells() if request.param == "normalizer" else WideCells()
     return spec(normalizer=normalizer, pooling=pooling)
@@ -127,7 +125,7 @@ def test_reconstructed(new: HOGSpec) -> None:
 # --- what is left out ------------------------------------------------------------------------------------------------
 
 
-def test_one_factor_for_an_image_must_be_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_factor_for_an_image_must_be_said() -> None:
     """Whoever needs the whole image, and does not say by what a histogram is multiplied, is not streamed."""
 
     @dataclass(frozen=True)
@@ -141,7 +139,6 @@ def test_one_factor_for_an_image_must_be_said(monkeypatch: pytest.MonkeyPatch) -
         def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
             return histograms / histograms.amax(dim=(1, 2, 3), keepdim=True).clamp(min=0.1)
 
-    monkeypatch.setitem(NORMALIZERS, Largest.kind, Largest)
     s = spec(normalizer=Largest())
     assert_close(hog(noise(1, 1, 9, 9), s), hog(noise(1, 1, 9, 9), s, backend="torch"))
     with pytest.raises(NotImplementedError, match=r"^the largest normaliser .* Largest\.image_factor"):

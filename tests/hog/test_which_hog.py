@@ -1,11 +1,9 @@
-"""The tables of docs/which_hog.md: counts, lengths, what values show, and the conventions of each library."""
+"""What docs/which_hog.md says of lengths and of values."""
 
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +11,11 @@ import torch
 from skimage import data
 from torch import Tensor
 
-from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
+from docs.preset_tables import SPECS
+from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.layout import native_shape
 
 TEXT = (Path(__file__).parents[2] / "docs" / "which_hog.md").read_text(encoding="utf-8")
-SPECS = {name: getattr(presets, name)() for name in presets.__all__}
-SPECS |= {"seeing3d": presets.seeing3d(8), "aubry": presets.aubry(8)}  # cells of 8 pixels, as of the others
 TWO_BY_TWO = presets.skimage(cells_per_block=(2, 2))
 
 
@@ -69,22 +66,6 @@ def test_lengths() -> None:
     assert {int(number) for row in table("Common lengths") for number in row[0].split(", ")} == by_length.keys()
 
 
-def test_numbers_for_each_place() -> None:
-    size = (100, 76)  # 12.5 x 9.5 cells
-    rules = {"⌊H/c⌉ × ⌊W/c⌉": (13, 10), "(⌊H/c⌉ − 2) × (⌊W/c⌉ − 2)": (11, 8), "⌊H/c⌋ × ⌊W/c⌋": (12, 9)}
-    rules["(⌊H/c⌋ − 2) × (⌊W/c⌋ − 2)"] = (10, 7)
-    checked = 0
-    for numbers, places, _, names in table("## 1. Count"):
-        for name in re.findall(r"`(\w+)`", names):
-            if name not in SPECS or "zeros" in names or "variant" in names:
-                continue
-            spec = SPECS[name] if "2x2" not in names or name != "skimage" else TWO_BY_TWO
-            assert spec.channels == int(re.findall(r"^\d+", numbers)[0]), name
-            assert places not in rules or spec.grid(*size) == rules[places], name
-            checked += 1
-    assert checked == 13
-
-
 @pytest.mark.parametrize("name", ["astronaut", "camera"])
 def test_values(name: str) -> None:
     for preset in ("vlfeat", "dpm", "dlib", "piotr", "cnn_hog", "aubry", "seeing3d"):
@@ -113,29 +94,6 @@ def test_lengths_of_blocks(name: str) -> None:
         two = vectors(name, spec).topk(2, dim=1).values
         equal = ((two[:, 0] - two[:, 1]) <= 1e-6 * two[:, 0]).double().mean().item()
         assert (equal >= 0.5) if many else (equal < 0.05), form
-
-
-def test_conventions() -> None:
-    heads = ["preset", "image", "colour", "derivative", "bins", "vote", "between", "cells", "pooling"]
-    heads += ["normaliser", "clip"]
-    rows = [dict(zip(heads, row, strict=True)) for row in table("## The conventions")]
-    assert {row["preset"].strip("`") for row in rows} == SPECS.keys() - {"uoctti", "aubry"}
-    for row in rows:
-        spec = SPECS[row["preset"].strip("`")]
-        scheme: Any = spec.normalizer
-        assert {"largest": "largest", "gray": "gray", "separate": "each by itself"}[spec.colour] in row["colour"]
-        assert row["bins"].startswith(str(spec.bins))
-        assert ("360" in row["bins"] or row["bins"] == "18, 0°") == spec.signed
-        assert {0.0: "0°", 0.5: "10°", 5.0: "80°"}[spec.bin_offset] in row["bins"]
-        assert row["vote"].startswith(("shared",) if spec.vote == "linear" else ("all to one", "as dpm"))
-        ties = "–" if spec.vote == "linear" else "upper" if spec.boundary == "upper" else "lower"
-        assert ties in row["between"] or (spec.name == "maskfeat" and "begins" in row["between"])
-        if spec.name != "opencv":
-            assert ("⌊·⌋" in row["cells"]) == (spec.partial_cells == "floor")
-        assert ("dropped" in row["cells"]) == (isinstance(scheme, FourBlockNorm) and scheme.outside == "drop")
-        assert row["clip"] == (f"{scheme.clip:g}" if hasattr(scheme, "clip") else "none")
-        numbers = [float(number) for number in re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?", row["normaliser"])]
-        assert scheme.epsilon in [pytest.approx(number) for number in numbers]
 
 
 @pytest.mark.parametrize("gamma", [True, False])

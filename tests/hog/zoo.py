@@ -20,7 +20,9 @@ from nablahog.hog import (
     HOGSpec,
     presets,
 )
-from nablahog.hog.normalizers import PARTS
+from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.normalizers import Normalizer
+from nablahog.hog.normalizers.four_block import PARTS
 
 DOUBLE = torch.float64
 
@@ -43,29 +45,20 @@ def _any_size(s: HOGSpec) -> Callable[..., HOGSpec]:
     return lambda cell_size=8: sized(s, cell_size)
 
 
-# What one dialect is: of each preset the variants that differ in more than a number.
+# What one dialect is: each preset, and the variants that differ in more than a number.
 PRESETS: dict[str, Callable[..., HOGSpec]] = {
-    "paper": presets.paper,
+    **{name: _any_size(default) for name, default in BY_NAME.items()},
     "paper-robust": lambda cell_size=8: presets.paper(cell_size, global_form="robust"),
-    "uoctti": presets.uoctti,
     "uoctti-hard": lambda cell_size=8: presets.uoctti(cell_size, vote="hard"),
-    "aubry": presets.aubry,
     "vlfeat-bilinear": _any_size(presets.vlfeat(bilinear_orientations=True)),
     "vlfeat-dalaltriggs": _any_size(presets.vlfeat("dalaltriggs", orientations=8)),
     "vlfeat-dalaltriggs-bilinear": _any_size(presets.vlfeat("dalaltriggs", bilinear_orientations=True)),
-    "dpm": _any_size(presets.dpm()),
-    "dlib": _any_size(presets.dlib()),
-    "piotr": _any_size(presets.piotr()),
-    "cnn-hog": _any_size(presets.cnn_hog()),
     "cnn-hogb": _any_size(presets.cnn_hog(bilinear=True)),
-    "seeing3d": _any_size(presets.seeing3d()),
-    "skimage": _any_size(presets.skimage(cells_per_block=(2, 2))),
+    "skimage-2x2": _any_size(presets.skimage(cells_per_block=(2, 2))),
     "skimage-colour": _any_size(presets.skimage(8, cells_per_block=(1, 2), block_norm="L1", channel_axis=-1)),
     "skimage-root": _any_size(presets.skimage(7, (8, 8), (2, 1), "L1-sqrt", transform_sqrt=True)),
-    "opencv": _any_size(presets.opencv()),
     "opencv-signed": _any_size(presets.opencv(nbins=12, gamma=False, signed=True)),
-    "dalal-triggs": presets.dalal_triggs,
-    "maskfeat": _any_size(presets.maskfeat(gaussian_window=0)),
+    "maskfeat-plain": _any_size(presets.maskfeat(gaussian_window=0)),
     "maskfeat-window": _any_size(presets.maskfeat(gaussian_window=4)),
 }
 
@@ -154,12 +147,6 @@ UNUSUAL: dict[str, HOGSpec] = {
     ),
 }
 
-# dialects that leave the outermost cells out need smaller ones to have some left of the small images here
-SPECS: dict[str, HOGSpec] = {
-    **{name: make(3 if name in ("dpm", "dlib", "seeing3d", "opencv") else 4) for name, make in PRESETS.items()},
-    **UNUSUAL,
-}
-
 
 def fits(s: HOGSpec, *shape: int) -> bool:
     """Whether images of the shape (…, channels, height, width) have a descriptor."""
@@ -168,6 +155,37 @@ def fits(s: HOGSpec, *shape: int) -> bool:
     except ValueError:
         return False
     return s.colour != "separate" or shape[-3] in (1, 3)
+
+
+def _with_defaults(kind: type[Normalizer]) -> HOGSpec:
+    """A spec with a normaliser's defaults, in unsigned bins if these go with it."""
+    try:
+        return spec(normalizer=kind())
+    except ValueError:
+        return spec(signed=True, bins=8, normalizer=kind())
+
+
+def _some_cells_left(make: Callable[..., HOGSpec]) -> HOGSpec:
+    """The dialect with the largest cells, of up to 4 pixels, of which small images have some.
+
+    Only dialects that leave the outermost cells out, or have large blocks, need smaller ones.
+    """
+    specs = [make(cell_size) for cell_size in (4, 3, 2)]
+    return next(s for s in specs if all(fits(s, 3, *size) for size in ((14, 11), (8, 8))))
+
+
+NORMALIZERS: dict[str, HOGSpec] = {
+    f"default-{kind}": _with_defaults(part)
+    for kind, part in Normalizer.kinds.items()
+    if part.__module__.startswith("nablahog.")
+    and all(constant.default is not dataclasses.MISSING for constant in dataclasses.fields(part))
+}
+"""Each normaliser of the package with its defaults, if all its constants have one."""
+SPECS: dict[str, HOGSpec] = {
+    **{name: _some_cells_left(make) for name, make in PRESETS.items()},
+    **NORMALIZERS,
+    **UNUSUAL,
+}
 
 
 def rounding(s: HOGSpec) -> float:

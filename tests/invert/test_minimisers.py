@@ -17,7 +17,7 @@ from nablahog.invert.histograms import noise, recover_histograms
 from nablahog.invert.priors import Range, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.unknowns import FlatRegions
-from nablahog.optimize import Minimiser, Minimum, StopReason
+from nablahog.optimize import MINIMISERS, Minimiser, Minimum, StopReason
 from nablahog.optimize.lbfgs import LbfgsSearch
 
 from ..waiting import WithoutWaiting
@@ -27,7 +27,7 @@ SPEC, UOCTTI = presets.paper(8), presets.uoctti(8)
 IMAGES = torch.cat([photograph(32), photograph(32, "coins"), torch.full((1, 1, 32, 32), 0.7)]).double()
 DESCRIPTORS = hog(IMAGES, SPEC)
 VOTES = recover_histograms(DESCRIPTORS, SPEC)
-every_minimiser = pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
+every_minimiser = pytest.mark.parametrize("minimiser", MINIMISERS)
 
 
 def account(
@@ -124,7 +124,7 @@ def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
     assert alone.evaluations[0] == result.evaluations[0]
 
 
-@pytest.mark.parametrize("minimiser", ["lbfgs", "dogleg"])
+@pytest.mark.parametrize("minimiser", MINIMISERS)
 def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> None:
     descriptor, few = hog(photograph(48), SPEC), Search(minimiser, max_evaluations=60)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
-from ..hog.normalizers import BlockForm
+from ..hog.normalizers.block import BlockForm
 from ..hog.orientation import magnitude
 from ..runtime.extras import extra
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
 from .checks import LONGEST_SIDE, check_fields, shortened
+from .kinds import register
 from .normalizers import Footprint, Normalizer
 
 if TYPE_CHECKING:
@@ -39,8 +40,7 @@ class Spacing(NamedTuple):
 class Pooling(ABC):
     """From votes of pixels to histograms of cells, by weights along either axis: the third of the four steps.
 
-    A new pooling is a frozen dataclass of its constants in this file, an entry of ``POOLINGS``, and tests.
-    It must have:
+    A new pooling is a frozen dataclass of its constants in this file.  It must have:
 
     * ``kind``, its name in JSON;
     * :meth:`taps`, from which both the reference steps and the compiled loops pool;
@@ -50,11 +50,16 @@ class Pooling(ABC):
     types, see :func:`.checks.check_fields`.
     """
 
+    kinds: ClassVar[dict[str, type[Pooling]]] = {}
+    """The classes of all poolings by their ``kind``."""
     kind: ClassVar[str]
     interpolates: ClassVar[bool] = False
     """Whether the weights of a pixel sum to 1, so that they interpolate between the middles of cells."""
     has_blocks: ClassVar[bool] = False
     """Whether cells of several blocks may lie on each other, each with weights of its own."""
+
+    def __init_subclass__(cls) -> None:
+        register(cls, cls.kinds)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -282,6 +287,3 @@ class BlockCells(Pooling):
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return 0, self.block[axis]
-
-
-POOLINGS: dict[str, type[Pooling]] = {each.kind: each for each in (BilinearCells, BoxCells, BlockCells)}

@@ -15,8 +15,8 @@ from typing import Any, Literal, TypeAlias
 
 from ..runtime.text import one_line
 from .checks import check_fields, shortened
-from .normalizers import NORMALIZERS, Normalizer
-from .poolings import POOLINGS, BilinearCells, PartialCells, Pooling
+from .normalizers import Normalizer
+from .poolings import BilinearCells, PartialCells, Pooling
 
 Gamma: TypeAlias = Literal["none", "sqrt"]
 Colour: TypeAlias = Literal["gray", "largest", "separate"]
@@ -116,8 +116,8 @@ class HOGSpec:
             raise ValueError(f"bins must be an integer in 3 … {MOST_BINS}, got {shortened(self.bins)}")
         if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
             raise ValueError(f"bin_offset must lie in [0, bins), got {shortened(self.bin_offset)}")
-        _check_kind("normalizer", self.normalizer, NORMALIZERS)
-        _check_kind("pooling", self.pooling, POOLINGS)
+        _check_kind("normalizer", self.normalizer, Normalizer.kinds)
+        _check_kind("pooling", self.pooling, Pooling.kinds)
         self._check_together()
         # made in advance: torch.compile cannot trace the making of them
         self.__dict__["text"] = self._text()
@@ -257,9 +257,9 @@ class HOGSpec:
         """
         try:
             fields = json.loads(text)
-            fields["normalizer"] = _part(fields["normalizer"], NORMALIZERS)
+            fields["normalizer"] = _part(fields["normalizer"], Normalizer.kinds)
             if "pooling" in fields:
-                fields["pooling"] = _part(fields["pooling"], POOLINGS)
+                fields["pooling"] = _part(fields["pooling"], Pooling.kinds)
             return cls(**fields)
         except (KeyError, TypeError, AttributeError, OverflowError, RecursionError, json.JSONDecodeError) as error:
             raise ValueError(f"not the JSON of a HOGSpec: {one_line(error)}") from None

@@ -1,5 +1,9 @@
+# generated: minimisers
+
 from .dogleg import dogleg as dogleg
 from .lbfgs import lbfgs as lbfgs
+
+# end of minimisers
 from .minimisers import MINIMISERS as MINIMISERS, Minimiser as Minimiser
 from .problems import (
     Accepted as Accepted,

@@ -1,4 +1,4 @@
-"""The minimisers by name."""
+"""The minimisers by name, written by `make generated`: functions here that return a Minimum."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from .dogleg import dogleg
 from .lbfgs import lbfgs
 from .problems import Minimum
 
-Minimiser: TypeAlias = Literal["lbfgs", "dogleg"]
-MINIMISERS: dict[Minimiser, Callable[..., Minimum]] = {"lbfgs": lbfgs, "dogleg": dogleg}
+Minimiser: TypeAlias = Literal["dogleg", "lbfgs"]
+MINIMISERS: dict[Minimiser, Callable[..., Minimum]] = {"dogleg": dogleg, "lbfgs": lbfgs}

@@ -19,7 +19,6 @@ from nablahog.hog.steps import histograms_reference
 from nablahog.hog.triton import steps
 
 from ...golden import PEERS, Case, cases
-from ...golden.specs import dtype_of, spec_of, stored
 from ..zoo import PRESETS, SPECS, integers, noise, spec
 from .conftest import DEVICE
 
@@ -109,11 +108,11 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
 @pytest.mark.parametrize("case", [case for peer in PEERS for case in cases(peer)], ids=str)
 def test_stored_outputs_of_other_programs(case: Case) -> None:
     """As near as the reference is, whose distance from them ``tests/hog/test_golden.py`` tests."""
-    s, dtype = spec_of(case), dtype_of(case)
+    s, dtype = case.spec, case.dtype
     image = case.image.to(dtype) / 255
     plain = hog(image, s, layout="native", backend="torch")[0]
     got = hog(image.to(DEVICE), s, layout="native", backend="triton")[0].cpu()
-    assert got.shape == stored(case).shape
+    assert got.shape == case.stored.shape
     assert_close(got, plain, rtol=0, atol=1e-6 * max(float(plain.abs().max()), 1.0))
 
 

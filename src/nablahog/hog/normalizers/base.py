@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from ..checks import check_fields
+from ..kinds import register
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -43,8 +44,7 @@ class Footprint(NamedTuple):
 class Normalizer(ABC):
     """From cell histograms to the descriptor: the last of the four steps.
 
-    A new normaliser is a frozen dataclass of its constants in a file of this folder, a line in ``NORMALIZERS``, and
-    tests.  It must have:
+    A new normaliser is a frozen dataclass of its constants in a file of this folder.  It must have:
 
     * ``kind``, its name in JSON;
     * :meth:`channels`, :meth:`footprint` and :meth:`reach`: the shape of the descriptor, and which cells matter.
@@ -62,9 +62,14 @@ class Normalizer(ABC):
     are checked by their types, see :func:`.checks.check_fields`.
     """
 
+    kinds: ClassVar[dict[str, type[Normalizer]]] = {}
+    """The classes of all normalisers by their ``kind``."""
     kind: ClassVar[str]
     has_loops: ClassVar[bool] = False
     """Whether there are native loops, which ``native/operator.h`` lists by ``kind``."""
+
+    def __init_subclass__(cls) -> None:
+        register(cls, cls.kinds)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Literal
 
 from ..checks import check_choice, pair
-from ..normalizers import BlockForm, BlockNorm, CellNorm, GlobalForm, GlobalNorm
+from ..normalizers import BlockNorm, CellNorm, GlobalNorm
+from ..normalizers.block import BlockForm
+from ..normalizers.per_cell import GlobalForm
 from ..poolings import BlockCells, BoxCells, PartialCells
 from ..spec import Border, HOGSpec
 

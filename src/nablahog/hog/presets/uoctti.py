@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Literal, TypeAlias
 
 from ..checks import check_choice, pair
-from ..normalizers import FourBlockNorm, Part
+from ..normalizers import FourBlockNorm
+from ..normalizers.four_block import Part
 from ..poolings import BilinearCells
 from ..spec import Colour, HOGSpec, Vote
 
