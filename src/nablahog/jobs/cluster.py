@@ -1,7 +1,7 @@
 """Many jobs on a Dask cluster: one that is there, or processes of this machine that Dask manages.
 
-Each job is a task.  A worker that dies is Dask's matter, which gives its tasks to others; the tasks that it blames for
-several deaths are done again in the end, one by one, so that it is known which one is to blame.
+Each job is a task.  A worker that dies is Dask's matter, which gives its tasks to others, until it blames them for
+too many deaths.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import logging
 import math
 import re
 import time
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
+from .executor import run_on
 from .worker import DIED, Work, attempt, cores, one_thread, store_files
 
 R = TypeVar("R")
@@ -58,61 +58,57 @@ def run_on_cluster(
     with _connected(cluster) as client, _scheduler_errors():
         logger.info("the dashboard of the cluster: %s", client.dashboard_link)
         _prepare(client, jobs)
-        queue, suspects = deque(range(len(jobs))), deque[int]()
-        tried_alone: set[int] = set()
-        at_work: dict[Any, int] = {}
-        ended = SimpleQueue[Any]()
-        threads, counted = 1, -math.inf
+        yield from run_on(_Tasks(client, cluster), jobs, started)
 
-        def send(index: int) -> None:
-            started(index)
-            future = client.submit(attempt, jobs[index], pure=False)
-            at_work[future.key] = index
-            future.add_done_callback(ended.put)
 
-        while queue or suspects or at_work:
-            if not queue and not at_work:  # Dask also blames tasks that were only queued on a worker that died
-                tried_alone.add(suspects[0])
-                send(suspects.popleft())
-            if queue and time.monotonic() > counted + RECOUNT:
-                threads, counted = max(1, sum(client.nthreads().values())), time.monotonic()
-            while queue and len(at_work) < AHEAD * threads:
-                send(queue.popleft())
+class _Tasks:
+    """The tasks of a cluster.  Dask blames a worker's death also on tasks that were only queued there."""
+
+    def __init__(self, client: Client, cluster: str) -> None:
+        self.client, self.cluster = client, cluster
+        self.most = math.inf
+        self.at_work: dict[Any, int] = {}
+        self._ended = SimpleQueue[Any]()
+        self._threads, self._counted = 1, -math.inf
+
+    def has_room(self) -> bool:
+        if time.monotonic() > self._counted + RECOUNT:
+            self._threads, self._counted = max(1, sum(self.client.nthreads().values())), time.monotonic()
+        return len(self.at_work) < min(self.most, AHEAD * self._threads)
+
+    def submit(self, index: int, job: Work[Any], left: int) -> None:
+        future = self.client.submit(attempt, job, pure=False)
+        self.at_work[future.key] = index
+        future.add_done_callback(self._ended.put)
+
+    def next_outcome(self) -> tuple[int, Any]:
+        while True:
             try:
-                future = ended.get(timeout=PATIENCE)
+                future = self._ended.get(timeout=PATIENCE)
             except Empty:
-                _check_workers(client, cluster)
+                self._check_workers()
                 continue
-            if future.status == "lost":  # the result, with its worker; Dask computes it again
-                future.add_done_callback(ended.put)
-                continue
-            index = at_work.pop(future.key)
+            if future.status != "lost":
+                return self.at_work.pop(future.key), self._outcome(future)
+            future.add_done_callback(self._ended.put)  # the result, with its worker; Dask computes it again
+
+    def _outcome(self, future: Any) -> Any:
+        """The outcome of a task that has ended; waits for it again if it was lost with its worker since."""
+        while True:
             try:
-                answer = _result(future, client, cluster)
+                return future.result(timeout=PATIENCE)
+            except asyncio.TimeoutError:  # noqa: PERF203
+                self._check_workers()
             except KilledWorker:
-                if index not in tried_alone:
-                    suspects.append(index)
-                    continue
-                answer = DIED
+                return DIED
             except (*LOST, ChildProcessError):
                 raise
             except Exception as error:  # not raised by the job: workers may have another version of the package
-                answer = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            yield index, answer
+                return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
-
-def _result(future: Any, client: Client, cluster: str) -> Any:
-    """The result of a future that has ended; waits for it again if it was lost with its worker since."""
-    while True:
-        try:
-            return future.result(timeout=PATIENCE)
-        except asyncio.TimeoutError:  # noqa: PERF203
-            _check_workers(client, cluster)
-
-
-def _check_workers(client: Client, cluster: str) -> None:
-    if not client.nthreads():
-        raise ChildProcessError(f"the cluster {cluster} has no workers any more")
+    def _check_workers(self) -> None:
+        if not self.client.nthreads():
+            raise ChildProcessError(f"the cluster {self.cluster} has no workers any more")
 
 
 @contextmanager

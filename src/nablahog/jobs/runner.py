@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -13,6 +12,7 @@ from multiprocessing import get_context, resource_tracker
 from typing import Any, Generic, TypeVar
 
 from ..runtime.extras import extra
+from .executor import run_on
 from .worker import DIED, Work, attempt, begin, one_thread
 
 R = TypeVar("R")
@@ -63,52 +63,65 @@ def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
 def run_jobs(
     jobs: Sequence[Work[R]], *, workers: int, started: Callable[[int], None] = lambda index: None
 ) -> Generator[tuple[int, R | str], None, None]:
-    """Does all jobs, ``workers`` at a time, each in a process that computes in one thread.
+    """Does all jobs, ``workers`` at a time, each in a process that computes in one thread; see :func:`.run_on`.
 
-    Jobs are started in their order, and ``started`` is called with the index.  When a process dies, all jobs at work
-    are tried again in the end, one by one: perhaps for want of memory that is free then.  The processes end with this
-    generator; close it (``contextlib.closing``) to stop early.
-
-    Yields:
-        The index of each finished job, with its result or one sentence why it failed.
+    The processes end with this generator; close it (``contextlib.closing``) to stop early.
 
     Raises:
         ChildProcessError: worker processes do not start.
     """
-    queue, suspects = deque(range(len(jobs))), deque[int]()
-    while queue:
-        with closing(_until_a_death(jobs, queue, workers, started)) as futures:
-            for index, future in futures:
-                if isinstance(future.exception(), BrokenProcessPool):
-                    suspects.append(index)
-                else:
-                    yield index, future.result()
-    while suspects:
-        with closing(_until_a_death(jobs, suspects, 1, started)) as futures:
-            for index, future in futures:
-                yield index, DIED if isinstance(future.exception(), BrokenProcessPool) else future.result()
+    with closing(_Processes(workers)) as processes:
+        yield from run_on(processes, jobs, started)
 
 
-def _until_a_death(
-    jobs: Sequence[Work[R]], queue: deque[int], workers: int, started: Callable[[int], None]
-) -> Generator[tuple[int, Future[R | str]], None, None]:
-    """Does jobs of the queue until it is empty, or a process dies; yields all that it has started."""
-    size = min(workers, len(queue))
-    with _pool(size) as pool:
-        at_work: dict[Future[R | str], int] = {}
-        broken = False
-        while at_work or (queue and not broken):
-            while queue and len(at_work) < size and not broken:
-                try:
-                    future = pool.submit(attempt, jobs[queue[0]])
-                except BrokenProcessPool:  # noqa: PERF203
-                    broken = True
-                else:
-                    at_work[future] = queue.popleft()
-                    started(at_work[future])
-            for future in wait(at_work, return_when=FIRST_COMPLETED).done:
-                broken |= isinstance(future.exception(), BrokenProcessPool)
-                yield at_work.pop(future), future
+class _Processes:
+    """Processes of this machine, which hold nothing that must be saved: they are killed, and replaced when one dies."""
+
+    def __init__(self, workers: int) -> None:
+        self.most: float = workers
+        self.at_work: dict[Future[Any], int] = {}
+        self._pool: ProcessPoolExecutor | None = None
+        self._size = 0
+
+    def has_room(self) -> bool:
+        return len(self.at_work) < self.most
+
+    def submit(self, index: int, job: Work[Any], left: int) -> None:
+        while True:
+            pool = self._started_pool(left)
+            try:
+                self.at_work[pool.submit(attempt, job)] = index
+            except BrokenProcessPool:
+                self.close()
+            else:
+                return
+
+    def next_outcome(self) -> tuple[int, Any]:
+        future = next(iter(wait(self.at_work, return_when=FIRST_COMPLETED).done))
+        died = isinstance(future.exception(), BrokenProcessPool)
+        return self.at_work.pop(future), DIED if died else future.result()
+
+    def _started_pool(self, left: int) -> ProcessPoolExecutor:
+        """The processes, at least one of which has started: new ones if there are none, or too many."""
+        if self._pool is not None and self._size <= self.most:
+            return self._pool
+        self.close()
+        self._size = int(min(self.most, left))
+        pool = self._pool = ProcessPoolExecutor(self._size, get_context("spawn"), begin)  # a forked PyTorch may hang
+        with one_thread(), _no_interrupts():
+            ready = [pool.submit(abs, 0) for _ in range(self._size)]
+        wait(ready, return_when=FIRST_COMPLETED)
+        if any(future.done() and future.exception() for future in ready):
+            raise ChildProcessError("worker processes end before they have started")
+        return pool
+
+    def close(self) -> None:
+        """Kills the processes."""
+        if self._pool is not None:
+            for process in list((self._pool._processes or {}).values()):
+                process.kill()
+            self._pool.shutdown()
+            self._pool = None
 
 
 @contextmanager
@@ -123,20 +136,3 @@ def _no_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes, at least one of which has started.  They hold nothing that must be saved, and are killed."""
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)  # a forked PyTorch may hang
-    try:
-        with one_thread(), _no_interrupts():
-            ready = [pool.submit(abs, 0) for _ in range(workers)]
-        wait(ready, return_when=FIRST_COMPLETED)
-        if any(future.done() and future.exception() for future in ready):
-            raise ChildProcessError("worker processes end before they have started")
-        yield pool
-    finally:
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        pool.shutdown()
