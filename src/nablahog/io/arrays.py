@@ -126,9 +126,9 @@ def _choose_array(file: InputFile, key: str | None) -> NDArray[Any]:
         arrays = read_number_arrays(file)
     if key is not None and key in arrays:
         return arrays[key]
-    listed = "the file holds no array of numbers"
-    if arrays:
-        listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
+    if not arrays:
+        raise ValueError(f"{file}: expected an array, but the file holds no array of numbers")
+    listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
     names = {"keys": [*arrays]}
     if key is not None:
         raise InputError(f"{file}: there is no array {one_line(key)!r} of numbers; {listed}", "array", names)
