@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from nablahog.io.array_cache import VARIABLE, cached_array
+from nablahog.io.array_cache import SIZE_VARIABLE, cached_array
 
 SHAPE = (3, 1000)
 
@@ -27,7 +27,7 @@ class Maker:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("NABLAHOG_CACHE_DIR", str(tmp_path))
-    monkeypatch.setenv(VARIABLE, "100")
+    monkeypatch.setenv(SIZE_VARIABLE, "100")
     return tmp_path / "kind"
 
 
@@ -69,7 +69,7 @@ def test_what_is_damaged_is_made_again(folder: Path, damage: str) -> None:
 
 
 def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "0.055")  # four arrays of 12 kB, of which 0.8 are kept
+    monkeypatch.setenv(SIZE_VARIABLE, "0.055")  # four arrays of 12 kB, of which 0.8 are kept
     make = Maker()
     for number in range(4):
         cached_array("kind", str(number), SHAPE, make)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from nablahog.io.arrays import (
+    LIMIT_VARIABLE,
     MAX_CHARACTERS,
-    VARIABLE,
     is_raw,
     naming,
     read_arrays,
@@ -73,11 +73,11 @@ def test_naming() -> None:
 
 def test_the_environment_sets_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_arrays(tmp_path / "a.npz", 1, {"x": np.zeros(1000)})
-    monkeypatch.setenv(VARIABLE, "4000")
+    monkeypatch.setenv(LIMIT_VARIABLE, "4000")
     with pytest.raises(ValueError, match=r"more than the 4,000 allowed; the environment variable NABLAHOG_MAX_BYTES"):
         read_arrays(tmp_path / "a.npz", "file", ["x"])
-    monkeypatch.setenv(VARIABLE, "40000")
+    monkeypatch.setenv(LIMIT_VARIABLE, "40000")
     read_arrays(tmp_path / "a.npz", "file", ["x"])
-    monkeypatch.setenv(VARIABLE, "4 GB")
+    monkeypatch.setenv(LIMIT_VARIABLE, "4 GB")
     with pytest.raises(ValueError, match=r"^NABLAHOG_MAX_BYTES must be a number of bytes, got '4 GB'$"):
         read_arrays(tmp_path / "a.npz", "file", ["x"])

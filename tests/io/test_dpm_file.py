@@ -70,9 +70,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 def test_a_filter_that_is_used_too_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dpm_file, "MOST_NUMBERS", 4352)  # of both components, 5 · 3 · 4 · 32 of the root
+    monkeypatch.setattr(dpm_file, "MAX_WEIGHTS", 4352)  # of both components, 5 · 3 · 4 · 32 of the root
     load_dpm(written(tmp_path / "toy.mat"))
-    monkeypatch.setattr(dpm_file, "MOST_NUMBERS", 4351)
+    monkeypatch.setattr(dpm_file, "MAX_WEIGHTS", 4351)
     with pytest.raises(ValueError, match="its components have more than 4,351 weights"):
         load_dpm(tmp_path / "toy.mat")
 

@@ -120,17 +120,17 @@ def test_what_takes_more_memory_than_bytes(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matfile, "MAX_BYTES", 2**16)
+    monkeypatch.setattr(matfile, "MAX_MAT_BYTES", 2**16)
     path = tmp_path / "a.mat"
     with pytest.raises(FileNotFoundError, match=r"a\.mat: no such file"):
         read_mat(path)
     assert "its header" in _refusal(path, b"hello")
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
     header = bytes(124) + b"\x00\x01IM"
-    bomb = zlib.compress(bytes(matfile.MAX_BYTES + 1))
+    bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
     assert "unpacks to more than" in _refusal(path, header + struct.pack("<II", 15, len(bomb)) + bomb)
     inner = struct.pack("<II", 14, 0)
-    for _ in range(matfile.MAX_DEPTH + 2):
+    for _ in range(matfile.MAX_STRUCT_DEPTH + 2):
         flags = struct.pack("<IIII", 6, 8, 1, 0) + struct.pack("<IIii", 5, 8, 1, 1) + struct.pack("<II", 1, 0)
         inner = struct.pack("<II", 14, len(flags + inner)) + flags + inner
     assert "structures in each other" in _refusal(path, header + inner)

@@ -54,8 +54,8 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         "--scheduler-file",
         str(file),
     ]
-    one = subprocess.Popen([*python, "distributed.cli.dask_scheduler", *address], cwd=folder, **quiet)  # type: ignore[call-overload]
-    other = subprocess.Popen(  # type: ignore[call-overload]
+    dask_scheduler = subprocess.Popen([*python, "distributed.cli.dask_scheduler", *address], cwd=folder, **quiet)  # type: ignore[call-overload]
+    dask_worker = subprocess.Popen(  # type: ignore[call-overload]
         [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"],
         cwd=folder,
         **quiet,
@@ -65,11 +65,11 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         while not file.exists():
             assert time.monotonic() < end
             time.sleep(0.1)
-        yield str(file), one
+        yield str(file), dask_scheduler
     finally:
-        for process in (other, one):
+        for process in (dask_worker, dask_scheduler):
             process.send_signal(signal.SIGTERM)
-        for process in (other, one):
+        for process in (dask_worker, dask_scheduler):
             process.wait(30)
 
 
@@ -93,7 +93,7 @@ def test_an_existing_cluster(scheduler: str) -> None:
     begun: list[int] = []
     output = dict(run_on_cluster(jobs, cluster=scheduler, started=begun.append))
     assert sorted(output) == begun == [0, 1, 2, 3, 4, 5]
-    assert all(isinstance(each, JobResult) for each in output.values())
+    assert all(isinstance(outcome, JobResult) for outcome in output.values())
 
 
 def test_left_early(scheduler: str) -> None:

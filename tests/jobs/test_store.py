@@ -60,7 +60,7 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         replace(base, image=brighter),
         replace(base, image=base.image.reshape(16, 64)),
     ]
-    keys = {each.key() for each in jobs}
+    keys = {variant.key() for variant in jobs}
     assert len(keys) == len(jobs)
     assert job(DARK).key() == base.key()
     assert job(DARK, learned={"prior": first}).key() == base.key()  # which it does not use

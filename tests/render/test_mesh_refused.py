@@ -141,7 +141,7 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(obj_file, "MAX_FACES", 1)
     with pytest.raises(ValueError, match="at most 1 faces are allowed, got 2"):
         load_mesh(write(tmp_path, "a.obj", TRIANGLE + "f 1 2 3\n"))
-    monkeypatch.setattr(mesh_file, "MAX_BYTES", 100)
+    monkeypatch.setattr(mesh_file, "MAX_MESH_BYTES", 100)
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)
     assert mesh_bytes.MAX_FACES >= 1_000_000

@@ -16,7 +16,7 @@ import pytest
 
 from nablahog.cli.main import main
 from nablahog.runtime import cache
-from nablahog.runtime.cache import VARIABLE, cache_folder, code_key
+from nablahog.runtime.cache import FOLDER_VARIABLE, cache_folder, code_key
 
 INSTALLED = Path(cache.__file__).parents[1]
 FILES = [file.relative_to(INSTALLED) for file in INSTALLED.rglob("*") if file.is_file()]
@@ -93,15 +93,15 @@ def test_definitions_elsewhere_count(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_where_it_lies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: tmp_path / name)
     assert cache_folder() == tmp_path / "nablahog"
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "own"))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "own"))
     assert cache_folder() == tmp_path / "own"
 
 
 def test_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: Path("~/.cache") / name)
-    with pytest.raises(FileNotFoundError, match=VARIABLE):
+    with pytest.raises(FileNotFoundError, match=FOLDER_VARIABLE):
         cache_folder()

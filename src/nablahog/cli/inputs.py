@@ -18,7 +18,7 @@ from ..io.dpm_file import is_dpm_file
 from ..io.files import distinct_stems, local_name, natural_order
 from ..io.images import image_endings, longer_side, read_image
 from ..io.input_file import InputFile
-from ..io.pixels import MAX_BYTES
+from ..io.pixels import MAX_IMAGE_BYTES
 from ..requests.arrays import read_stored
 from ..requests.dialect import Dialect
 from ..requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
@@ -80,10 +80,10 @@ def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> lis
 def _read_stdin() -> InputFile:
     if sys.stdin.isatty():
         raise ValueError("-: expected a file on stdin, got a terminal")
-    content = sys.stdin.buffer.read(MAX_BYTES + 1)
-    if not 0 < len(content) <= MAX_BYTES:
+    content = sys.stdin.buffer.read(MAX_IMAGE_BYTES + 1)
+    if not 0 < len(content) <= MAX_IMAGE_BYTES:
         got = "more" if content else "nothing"
-        raise ValueError(f"-: expected a file of 1 … {MAX_BYTES:,} bytes on stdin, got {got}")
+        raise ValueError(f"-: expected a file of 1 … {MAX_IMAGE_BYTES:,} bytes on stdin, got {got}")
     return InputFile(STDIN, content)
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ..runtime.pytorch import in_float64
+from ..runtime.pytorch import to_float64
 from .spec import Border, HOGSpec
 
 GRAY_WEIGHTS = (0.299, 0.587, 0.114)  # Eq. 1
@@ -93,7 +93,7 @@ def _root(image: Tensor) -> Tensor:
     Correctly rounded, which PyTorch's on a CPU is not: differences of roots, and bins, depend on the last digit.
     """
     dark = image <= BLACK
-    safe = in_float64(torch.where(dark, 1, image))
+    safe = to_float64(torch.where(dark, 1, image))
     root = torch.sqrt(safe)
     if safe.dtype == image.dtype:
         root = root + _correction(safe.detach(), root.detach())

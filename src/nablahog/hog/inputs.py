@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..runtime.text import what_came
+from ..runtime.text import describe_type
 from .spec import COLOURS, HOGSpec
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def descriptor_tensor(name: str, descriptor: object) -> Tensor:
         TypeError: it is not an array of real numbers.
     """
     if not isinstance(descriptor, np.ndarray):
-        came = what_came(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
+        came = describe_type(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
         raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {came}")
     return _tensor(name, descriptor)
 
@@ -107,7 +107,7 @@ def _pixels(name: str, images: object) -> NDArray[Any]:
         return pil_pixels(name, images)
     raise TypeError(
         f"{name} must be a torch tensor (B, C, H, W), a NumPy array (H, W) or (H, W, C), or a PIL image, got "
-        f"{what_came(images, path='PIL.Image.open(path)', items=ITEMS)}"
+        f"{describe_type(images, path='PIL.Image.open(path)', items=ITEMS)}"
     )
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ..runtime.pytorch import in_float64
+from ..runtime.pytorch import to_float64
 from .spec import Angle, Boundary, HOGSpec
 
 Shares: TypeAlias = tuple[Tensor, Tensor | int]
@@ -134,14 +134,14 @@ def vlfeat_weights(gx: Tensor, gy: Tensor, candidates: Tensor, spec: HOGSpec) ->
     axes = spec.bins // 2 if spec.signed else spec.bins
     x, y = gx.float(), gy.float()
     # PyTorch's root of a float32 is not the nearest one, and near 1 the arccosine would show it
-    length = in_float64(in_float64(x * x + y * y).sqrt().float()).clamp(min=VLFEAT_LEAST)
+    length = to_float64(to_float64(x * x + y * y).sqrt().float()).clamp(min=VLFEAT_LEAST)
     cos, sin = torch.from_numpy(vlfeat_directions(spec)).to(x.device).unsqueeze(2).unsqueeze(3)
     dots = x.unsqueeze(1) * cos + y.unsqueeze(1) * sin
     best = dots.abs().max(dim=1, keepdim=True)
     without_best = dots.abs().scatter(1, best.indices, -1.0)
     second = without_best.max(dim=1, keepdim=True).indices
     cosine = (best.values / length.unsqueeze(1)).clamp(max=1).float()
-    share = (in_float64(torch.acos(cosine)) / (math.pi / axes)).float()
+    share = (to_float64(torch.acos(cosine)) / (math.pi / axes)).float()
     nearest, next_ = best.indices, second
     if spec.signed:
         nearest, next_ = (torch.where(dots.gather(1, k) < 0, k + axes, k) for k in (nearest, next_))

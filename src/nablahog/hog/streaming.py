@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ..runtime.text import what_came
+from ..runtime.text import describe_type
 from .descriptor import histograms, normalize
 from .dialects import as_spec
 from .inputs import is_pil, pil_pixels
@@ -112,7 +112,7 @@ class _Reader:
         try:
             shape, dtype = tuple(int(n) for n in image.shape), np.dtype(image.dtype)
         except (AttributeError, TypeError):
-            came = what_came(image, "np.load(path, mmap_mode='r') or PIL.Image.open(path)", "one call for each")
+            came = describe_type(image, "np.load(path, mmap_mode='r') or PIL.Image.open(path)", "one call for each")
             raise TypeError(
                 f"image must be an array, or have a shape, a NumPy dtype and rows [start:stop], got {came}"
             ) from None

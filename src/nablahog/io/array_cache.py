@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..runtime.cache import cache_folder
 from .files import remove_parts, replacing
 
-VARIABLE = "NABLAHOG_CACHE_SIZE"
-LARGEST = 2000  # megabytes
+SIZE_VARIABLE = "NABLAHOG_CACHE_SIZE"
+DEFAULT_MEGABYTES = 2000
 ENDING = ".array"
 _ROOM = 0.8  # of the largest size: what is kept when the least recently used arrays are removed
 _DIGEST = 32  # bytes before the numbers
@@ -30,13 +30,14 @@ def cached_array(
     """An array (float32) that an earlier process stored, or that is made and stored now.
 
     It lies in the folder ``kind`` of the user's caches; the key is a hash of everything that it depends on, including
-    the code.  The environment variable :data:`VARIABLE` says how many megabytes the arrays of a kind may have, by
-    default :data:`LARGEST`; with 0 there is no cache.  Where the folder cannot be written, arrays are made each time.
-    The result can be written to; stored arrays are mapped to memory, of which the system frees what it needs.
+    the code.  The environment variable :data:`SIZE_VARIABLE` says how many megabytes the arrays of a kind may have, by
+    default :data:`DEFAULT_MEGABYTES`; with 0 there is no cache.  Where the folder cannot be written, arrays are made
+    each time.  The result can be written to; stored arrays are mapped to memory, of which the system frees what it
+    needs.
     """
-    largest = 1e6 * LARGEST
+    largest = 1e6 * DEFAULT_MEGABYTES
     with suppress(ValueError):
-        largest = 1e6 * float(os.environ.get(VARIABLE) or LARGEST)
+        largest = 1e6 * float(os.environ.get(SIZE_VARIABLE) or DEFAULT_MEGABYTES)
     if largest <= 0:
         return make()
     try:

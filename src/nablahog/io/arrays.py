@@ -19,8 +19,10 @@ from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import InputFile, Readable, input_file
 
-MAX_BYTES = 2**28  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
-VARIABLE = "NABLAHOG_MAX_BYTES"
+MAX_ARCHIVE_BYTES = (
+    2**28
+)  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
+LIMIT_VARIABLE = "NABLAHOG_MAX_BYTES"
 MAX_CHARACTERS = 2**22  # of a text; parsed JSON may take thirty times as many bytes
 
 Arrays = dict[str, NDArray[Any]]
@@ -32,7 +34,7 @@ def read_arrays(path: Readable, kind: str, names: Sequence[str]) -> Arrays:
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is not an archive, is damaged, lacks an array, holds pickled objects, or is larger unpacked than
-            :data:`MAX_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
+            :data:`MAX_ARCHIVE_BYTES`, or than the environment variable ``NABLAHOG_MAX_BYTES`` says.
     """
     with _open_archive(input_file(path), kind) as archive:
         missing = [name for name in names if name not in archive]
@@ -176,13 +178,13 @@ def _open_archive(file: InputFile, kind: str) -> Iterator[np.lib.npyio.NpzFile]:
 
 
 def _check_size(file: InputFile, size: int) -> None:
-    allowed = os.environ.get(VARIABLE) or str(MAX_BYTES)
+    allowed = os.environ.get(LIMIT_VARIABLE) or str(MAX_ARCHIVE_BYTES)
     if not allowed.isdecimal() or int(allowed) < 1:
-        raise ValueError(f"{VARIABLE} must be a number of bytes, got {one_line(allowed)!r}")
+        raise ValueError(f"{LIMIT_VARIABLE} must be a number of bytes, got {one_line(allowed)!r}")
     if size > int(allowed):
         raise ValueError(
             f"{file}: the file unpacks to {size:,} bytes, more than the {int(allowed):,} allowed; the environment "
-            f"variable {VARIABLE} allows more"
+            f"variable {LIMIT_VARIABLE} allows more"
         )
 
 

@@ -16,8 +16,8 @@ from .input_file import Readable
 from .matfile import read_mat
 
 CHANNELS = 32
-MOST_CELLS = 1000  # along a filter's side
-MOST_NUMBERS = 2**24  # weights of all filters; published models have some hundred thousand
+MAX_FILTER_SIDE = 1000  # along a filter's side
+MAX_WEIGHTS = 2**24  # weights of all filters; published models have some hundred thousand
 MOST = 10**6  # the largest index, place or size of a cell
 _ROOT, _PARTS = 0, 1  # octaves between their cells and the root's
 
@@ -101,8 +101,8 @@ def _unfold(model: dict[str, Any]) -> DPMModel:
             x, y, octave = anchor
             placed.append((weights, flipped, x, y, octave))
             numbers += weights.size * (5 if octave == _ROOT else 1)  # a root's parts are on four times its cells
-            if numbers > MOST_NUMBERS:
-                raise ValueError(f"its components have more than {MOST_NUMBERS:,} weights")
+            if numbers > MAX_WEIGHTS:
+                raise ValueError(f"its components have more than {MAX_WEIGHTS:,} weights")
         if any(flipped for _, flipped, *_ in placed):
             continue  # the mirror image of another component
         number += 1
@@ -136,7 +136,7 @@ def _find_filter(model: dict[str, Any], symbol: int) -> tuple[NDArray[np.float32
 
 def _read_weights(block: dict[str, Any]) -> NDArray[np.float32]:
     shape = tuple(_to_integers(block["shape"]))
-    if len(shape) != 3 or shape[2] != CHANNELS or not 0 < min(shape) <= max(shape) <= MOST_CELLS:
+    if len(shape) != 3 or shape[2] != CHANNELS or not 0 < min(shape) <= max(shape) <= MAX_FILTER_SIDE:
         raise ValueError(f"a filter has the shape {shape}, not (rows, cols, {CHANNELS})")
     weights = np.asarray(block["w"], np.float64).reshape(shape, order="F")
     if not (np.abs(weights) <= np.finfo(np.float32).max).all():  # NaN fails too

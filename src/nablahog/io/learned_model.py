@@ -25,7 +25,7 @@ from .input_file import Readable
 
 Model = TypeVar("Model", bound="LearnedModel")
 Network = TypeVar("Network", bound=nn.Module)
-LARGEST = float(torch.finfo(torch.float16).max)
+LARGEST_WEIGHT = float(torch.finfo(torch.float16).max)
 
 
 class Codec(NamedTuple):
@@ -188,7 +188,7 @@ def count_weights(make: Callable[[], nn.Module]) -> int:
 
 def check_weights(weights: Tensor, make: Callable[[], nn.Module]) -> None:
     """Raises ValueError unless these are all weights of such a network, (n,), float16, finite."""
-    check_tensor("weights", weights, torch.float16, (count_weights(make),), -LARGEST, LARGEST)
+    check_tensor("weights", weights, torch.float16, (count_weights(make),), -LARGEST_WEIGHT, LARGEST_WEIGHT)
 
 
 def build_network(make: Callable[[], Network], weights: Tensor) -> Network:

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from .input_file import InputFile, Readable, input_file
 
-MAX_BYTES = 2**26  # that a file may unpack to; records of photographs have far fewer
+MAX_MAT_BYTES = 2**26  # that a file may unpack to; records of photographs have far fewer
 MAX_ARRAY_BYTES = 2**29  # that its arrays may take: small numbers are stored in fewer bytes than they take
 MAX_ELEMENTS = 300_000  # arrays and their parts: each becomes an object, even if it has no bytes in the file
-MAX_DEPTH = 16  # of nested structures
+MAX_STRUCT_DEPTH = 16  # of nested structures
 
-_ORDERS = {b"IM": "<", b"MI": ">"}
+_BYTE_ORDERS = {b"IM": "<", b"MI": ">"}
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
@@ -43,7 +43,8 @@ def read_mat(path: Readable) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no .mat file of version 5, is damaged, or exceeds :data:`MAX_BYTES` or :data:`MAX_ELEMENTS`.
+        ValueError: it is no .mat file of version 5, is damaged, or exceeds :data:`MAX_MAT_BYTES` or
+            :data:`MAX_ELEMENTS`.
     """
     return _parse(input_file(path), _read_variables)
 
@@ -60,7 +61,7 @@ def _parse(file: InputFile, parse: Callable[[bytes], Parsed]) -> Parsed:
     """What a function makes of the file's bytes; what is wrong with them is a ValueError that begins with its name."""
     file.check("a MATLAB file")
     try:
-        return parse(file.read(MAX_BYTES + 1))
+        return parse(file.read(MAX_MAT_BYTES + 1))
     except _Damaged as error:
         raise ValueError(f"{file}: expected a MATLAB file of version 5, but {error}") from None
 
@@ -104,14 +105,14 @@ def _read_arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
 
 def _iterate_matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
     """An array of any class for each variable, unpacked, and the order of the bytes."""
-    if len(data) > MAX_BYTES:
-        raise _Damaged(f"it has more than {MAX_BYTES:,} bytes")
+    if len(data) > MAX_MAT_BYTES:
+        raise _Damaged(f"it has more than {MAX_MAT_BYTES:,} bytes")
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
         raise _Damaged("it is of version 7.3; save it with `save -v7`")
-    if data[126:128] not in _ORDERS:
+    if data[126:128] not in _BYTE_ORDERS:
         raise _Damaged("its header does not say so")
-    order = _Bytes(_ORDERS[data[126:128]])
-    left = MAX_BYTES - len(data)
+    order = _Bytes(_BYTE_ORDERS[data[126:128]])
+    left = MAX_MAT_BYTES - len(data)
     for element in _iterate_elements(memoryview(data)[128:], order):
         if element.kind == _COMPRESSED:
             unpacked = _unpack(element.data, left)
@@ -129,7 +130,7 @@ def _unpack(data: memoryview, most: int) -> bytes:
     except zlib.error as error:
         raise _Damaged(f"it is damaged: {error}") from None
     if len(unpacked) > most:
-        raise _Damaged(f"it unpacks to more than {MAX_BYTES:,} bytes")
+        raise _Damaged(f"it unpacks to more than {MAX_MAT_BYTES:,} bytes")
     if not stream.eof:
         raise _Damaged("it ends too early")
     return unpacked
@@ -158,8 +159,8 @@ def _iterate_elements(data: memoryview, order: _Bytes) -> Iterator[_Element]:
 
 def _read_matrix(data: memoryview, order: _Bytes, depth: int) -> tuple[str, Any]:
     """The name and the value of an array of any class; an empty element is an array without a name."""
-    if depth > MAX_DEPTH:
-        raise _Damaged(f"it has structures in each other, more than {MAX_DEPTH} deep")
+    if depth > MAX_STRUCT_DEPTH:
+        raise _Damaged(f"it has structures in each other, more than {MAX_STRUCT_DEPTH} deep")
     parts = _iterate_elements(data, order)
     if not len(data):
         return "", np.empty((0, 0))

@@ -16,12 +16,12 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANA
 
 from .input_file import InputFile
 
-MAX_BYTES = 2**30  # of a file; the largest images that are read have fewer
-STRIP = 2**19  # pixels that are converted at once
+MAX_IMAGE_BYTES = 2**30  # of a file; the largest images that are read have fewer
+STRIP_PIXELS = 2**19  # pixels that are converted at once
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
-_OVERSHOOT = 0.1  # of filters, as a fraction of the largest level: it is clipped
+_FILTER_OVERSHOOT = 0.1  # of filters, as a fraction of the largest level: it is clipped
 _BRIGHTEST_OF_255 = 16.0  # least highest level in 0…255: else the image would be black, or of high dynamic range
 _PLANES = 2  # as TIFF's tag has it
 _JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
@@ -40,8 +40,8 @@ def register_heif() -> None:
 def decode_image(file: InputFile) -> Image.Image:
     """The image in a file, upright; raises whatever Pillow does if it is damaged."""
     register_heif()
-    if file.size > MAX_BYTES:
-        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+    if file.size > MAX_IMAGE_BYTES:
+        raise ValueError(f"it has more than {MAX_IMAGE_BYTES:,} bytes")
     # from memory: some decoders allocate as many bytes as a damaged file promises
     data = file.read()
     try:
@@ -123,13 +123,13 @@ def pixel_values(image: Image.Image) -> Iterator[NDArray[np.float32]]:
 def _find_white(lowest: float, highest: float) -> int:
     """The level of white, 1 or 255, of floats from the lowest to the highest."""
     for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
-        if highest >= least and -_OVERSHOOT * largest <= lowest and highest <= (1 + _OVERSHOOT) * largest:
+        if highest >= least and -_FILTER_OVERSHOOT * largest <= lowest and highest <= (1 + _FILTER_OVERSHOOT) * largest:
             return largest
     raise ValueError(f"expected levels in 0…1 or 0…255, got {lowest:g} … {highest:g}")
 
 
 def _cut_strips(image: Image.Image) -> Iterator[Image.Image]:
-    rows = max(1, STRIP // image.width)
+    rows = max(1, STRIP_PIXELS // image.width)
     for y in range(0, image.height, rows):
         yield image.crop((0, y, image.width, min(y + rows, image.height)))
 

@@ -16,7 +16,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, TypeVar
+from typing import Any
 
 import dask
 import torch
@@ -27,9 +27,7 @@ from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
 from .executor import run_on
-from .worker import DIED, Work, attempt, cores, one_thread, store_files
-
-R = TypeVar("R")
+from .worker import DIED, R, Work, attempt, cores, one_thread, store_files
 
 logger = logging.getLogger(__name__)
 
@@ -148,15 +146,15 @@ class _Client(Client):
 
 
 def _client(cluster: str) -> Client:
-    there_is_none = f"there is no Dask scheduler at {cluster}"
+    no_scheduler = f"there is no Dask scheduler at {cluster}"
     where = "address" if re.fullmatch(r"[a-z]+://\S+", cluster) else "scheduler_file"
     if where == "scheduler_file" and not Path(cluster).is_file():
         expected = "local, local:N, an address such as tcp://HOST:8786, or a scheduler's file"
-        raise ChildProcessError(f"{there_is_none}: expected {expected}")
+        raise ChildProcessError(f"{no_scheduler}: expected {expected}")
     try:
         return _Client(**{where: cluster}, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, asyncio.TimeoutError, ValueError) as error:
-        raise ChildProcessError(f"{there_is_none}: {error}") from None
+        raise ChildProcessError(f"{no_scheduler}: {error}") from None
 
 
 @contextmanager

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
-from .worker import DIED, Work
-
-R = TypeVar("R")
+from .worker import DIED, R, Work
 
 
 class Executor(Protocol):

@@ -9,13 +9,11 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 from ..runtime.extras import extra
 from .executor import run_on
-from .worker import DIED, Work, attempt, begin, one_thread
-
-R = TypeVar("R")
+from .worker import DIED, R, Work, attempt, begin, one_thread
 
 
 def run_anywhere(
@@ -44,20 +42,20 @@ class Call(Generic[R]):
 def map_on(cluster: str) -> Callable[..., Iterator[Any]]:
     """A ``map`` that works on a cluster; it raises ValueError where a call fails, else as :func:`run_anywhere`."""
 
-    def mapped(function: Callable[..., R], *arguments: Iterable[Any]) -> Iterator[R]:
-        calls = [Call(function, each) for each in zip(*arguments, strict=True)]
+    def map_in_order(function: Callable[..., R], *arguments: Iterable[Any]) -> Iterator[R]:
+        calls = [Call(function, values) for values in zip(*arguments, strict=True)]
         early: dict[int, R] = {}
-        wanted = 0
+        next_index = 0
         with closing(run_anywhere(calls, 1, cluster)) as outcomes:
             for index, outcome in outcomes:
                 if isinstance(outcome, str):
                     raise ValueError(outcome)
                 early[index] = outcome
-                while wanted in early:
-                    yield early.pop(wanted)
-                    wanted += 1
+                while next_index in early:
+                    yield early.pop(next_index)
+                    next_index += 1
 
-    return mapped
+    return map_in_order
 
 
 def run_jobs(

@@ -103,17 +103,17 @@ def do_all(
     Raises:
         OSError: a result cannot be stored.
     """
-    work = folder / "work"
-    for written in (folder, *(work / method for method in dict.fromkeys(job.name for job in jobs.values()))):
-        remove_parts(written)
-    paths = {name: work / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
-    reasons = _do({paths[name]: job for name, job in jobs.items()}, workers, cluster, progress)
+    results = folder / "work"
+    for written_to in (folder, *(results / method for method in dict.fromkeys(job.name for job in jobs.values()))):
+        remove_parts(written_to)
+    paths = {name: results / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
+    reasons = _do_missing({paths[name]: job for name, job in jobs.items()}, workers, cluster, progress)
     for name, job in jobs.items():
         result = load(paths[name], job)
         yield name, reasons.get(paths[name], "its stored result has vanished") if result is None else result
 
 
-def _do(
+def _do_missing(
     jobs: Mapping[Path, Job], workers: int, cluster: str | None, progress: Callable[[int, int, str], None]
 ) -> dict[Path, str]:
     """Does the jobs without a valid result at their path; returns why jobs failed."""

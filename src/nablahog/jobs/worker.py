@@ -21,7 +21,7 @@ R_co = TypeVar("R_co", covariant=True)
 
 CGROUP = Path("/sys/fs/cgroup")
 DIED = "the process at work on it died, and died again when the job ran alone"
-_COPIES: dict[str, Path] = {}
+_COPIES_OF_FILES: dict[str, Path] = {}
 _FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
 
 
@@ -113,12 +113,12 @@ def store_files(files: dict[str, bytes], folder: Path) -> None:
     for number, (path, data) in enumerate(files.items()):
         copy = folder / f"{number}{Path(path).suffix}"
         copy.write_bytes(data)
-        _COPIES[path] = copy
+        _COPIES_OF_FILES[path] = copy
 
 
 def local_path(path: Path) -> Path:
     """The copy on this machine of a file of the client; the path itself where there is none."""
-    return _COPIES.get(str(path), path)
+    return _COPIES_OF_FILES.get(str(path), path)
 
 
 def local_folder(path: Path) -> Path:

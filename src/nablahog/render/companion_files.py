@@ -19,11 +19,11 @@ from .polygons import Floats, to_gray
 
 MAX_BYTES_BESIDE = 2**29  # of all files that another names
 LONGEST_NAME = 1000  # characters of the name of such a file
-DEEPEST = 8  # folders of another machine that are looked for here
+MAX_FOLDERS = 8  # folders of another machine that are looked for here
 MAX_TEXELS = 2**28  # of all textures of a file: more take too long to decode
 TEXTURE = 64  # side that textures are shrunk to, in texels: vertices are farther apart than finer details
 
-_IMAGES = "images"  # ShapeNet's folder of textures, beside that of the mesh
+_SHAPENET_TEXTURES = "images"  # ShapeNet's folder of textures, beside that of the mesh
 # of MTL's maps: a name, and then numbers, switches or a channel
 _OPTIONS = re.compile(r"^\s*(?:-[a-z]+(?:\s+(?:[-+.\d]+(?:e[-+]?\d+)?|on|off|[rgbmlz]))+\s+)*", re.IGNORECASE)
 _LIBRARY = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
@@ -45,7 +45,7 @@ class CompanionFiles:
         if self._folder is None:
             raise FileNotFoundError(f"{name} is not there")
         path = (self._folder / _find(self._folder, name)).resolve()
-        if not any(path.is_relative_to(folder) for folder in (self._folder, self._folder.parent / _IMAGES)):
+        if not any(path.is_relative_to(folder) for folder in (self._folder, self._folder.parent / _SHAPENET_TEXTURES)):
             raise ValueError(f"{name} is not in the folder of the mesh")
         if path.exists() and not path.is_file():  # reading a pipe never ends
             raise ValueError(f"{name} is not a regular file")
@@ -120,7 +120,7 @@ def _find(folder: Path, name: str) -> str:
         raise ValueError(f"the name of a file has more than {LONGEST_NAME:,} characters")
     name = local_name(name)
     plain = _OPTIONS.sub("", name).strip().strip('"').replace("\\", "/")
-    parts = [part for part in local_name(unquote(plain)).split("/") if part not in ("", ".", "..")][-DEEPEST:]
+    parts = [part for part in local_name(unquote(plain)).split("/") if part not in ("", ".", "..")][-MAX_FOLDERS:]
     for candidate in (name, plain, *("/".join(parts[start:]) for start in range(len(parts)))):
         with suppress(OSError, ValueError):  # a name too long, or with a null byte
             if (folder / candidate).is_file():

@@ -8,10 +8,10 @@ from typing import Any
 from .mesh_bytes import MAX_FACES
 
 MAX_NODES = 10_000  # in a GLB
-MAX_HEADER = 2**24  # bytes; Python's objects take about thirty times as many
+MAX_JSON_BYTES = 2**24  # Python's objects take about thirty times as many
 SPARE_BYTES = 2**26  # that a GLB may unpack to beyond its own size
 MAX_LEVELS = 20 * MAX_NODES  # the number of ancestors, summed over all nodes
-MAX_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of the matrices of all its ancestors
+MAX_NODE_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product of the matrices of all its ancestors
 
 # extensions that leave the geometry and nearly all brightness; others, such as compression, change what numbers mean
 _HARMLESS = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp_json_ld")
@@ -87,8 +87,8 @@ def check_tree(nodes: Sequence[Json]) -> None:
         depth = 0
         while child in parents:
             child, depth = parents[child], depth + 1
-            if depth > MAX_DEPTH:
-                raise ValueError(f"its nodes are nested in more than {MAX_DEPTH} levels, or in a circle")
+            if depth > MAX_NODE_DEPTH:
+                raise ValueError(f"its nodes are nested in more than {MAX_NODE_DEPTH} levels, or in a circle")
         levels += depth
         if levels > MAX_LEVELS:
             raise ValueError(f"at most {MAX_LEVELS:,} ancestors are allowed, summed over all nodes")

@@ -16,7 +16,7 @@ from .gltf_checks import (
     COMPONENT_TYPES,
     COMPONENTS,
     FAN,
-    MAX_HEADER,
+    MAX_JSON_BYTES,
     STRIP,
     TRIANGLES,
     Json,
@@ -63,8 +63,8 @@ def _split(data: bytes) -> tuple[Json, bytes]:
         start, end = 20, 20 + int.from_bytes(data[12:16], "little")
     elif not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         raise ValueError("it does not begin with glTF, or as JSON does")
-    if end - start > MAX_HEADER:
-        raise ValueError(f"its JSON has more than {MAX_HEADER:,} bytes")
+    if end - start > MAX_JSON_BYTES:
+        raise ValueError(f"its JSON has more than {MAX_JSON_BYTES:,} bytes")
     header: Json = json.loads(data[start:end])
     return header, data[end + 8 : end + 8 + int.from_bytes(data[end : end + 4], "little")]
 

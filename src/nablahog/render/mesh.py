@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..io.arrays import check_format, naming, read_arrays, read_text, write_arrays
 from ..io.input_file import Readable, input_file
-from ..runtime.text import what_came
+from ..runtime.text import describe_type
 from .mesh_file import read_soup
 from .polygons import Soup, find_distinct
 
@@ -120,7 +120,7 @@ def check_mesh(mesh: object) -> Mesh:
     """``mesh``; TypeError with what to write, if it is none."""
     if isinstance(mesh, Mesh):
         return mesh
-    came = what_came(mesh, path="nablahog.load_mesh(path)", items="one call for each mesh")
+    came = describe_type(mesh, path="nablahog.load_mesh(path)", items="one call for each mesh")
     if hasattr(mesh, "export"):
         came += " of trimesh: write mesh.export('mesh.ply') and nablahog.load_mesh('mesh.ply', up='z'), or 'y'"
     raise TypeError(f"expected a nablahog.Mesh, got {came}")

@@ -13,10 +13,10 @@ from ..runtime.text import decoded
 
 Number = TypeVar("Number", np.float64, np.int64)
 
-MAX_BYTES = 2**30  # more than a text file of MAX_FACES has
+MAX_MESH_BYTES = 2**30  # more than a text file of MAX_FACES has
 MAX_FACES = 5_000_000
 
-_NO_NUMBER = re.compile(rb"-?(?:\b1\.#(?:IND|QNAN|SNAN|INF)\w*|\bnan\((?:ind|snan)?\))", re.IGNORECASE)
+_WINDOWS_NAN = re.compile(rb"-?(?:\b1\.#(?:IND|QNAN|SNAN|INF)\w*|\bnan\((?:ind|snan)?\))", re.IGNORECASE)
 
 _REMARK = re.compile(rb"(?m)(?:^ *#| # )[^\n]*")  # but no "Material #25"
 
@@ -30,7 +30,7 @@ def as_utf8(text: bytes) -> bytes:
         plain = decoded(text).encode()
     except UnicodeDecodeError:
         plain = text.decode("latin-1").encode()
-    return _NO_NUMBER.sub(b"nan", plain) if b"1.#" in plain or b"(" in plain else plain
+    return _WINDOWS_NAN.sub(b"nan", plain) if b"1.#" in plain or b"(" in plain else plain
 
 
 def as_lines(text: bytes) -> list[bytes]:

@@ -14,7 +14,7 @@ from ..io.input_file import InputFile
 from ..runtime.text import one_line
 from .companion_files import CompanionFiles
 from .gltf_file import read_gltf
-from .mesh_bytes import MAX_BYTES, MAX_FACES, as_utf8
+from .mesh_bytes import MAX_FACES, MAX_MESH_BYTES, as_utf8
 from .obj_file import read_obj
 from .off_file import read_off
 from .ply_file import read_ply
@@ -47,8 +47,8 @@ def read_soup(file: InputFile) -> Soup:
     if kind is None:
         expected = ", ".join(ENDINGS)
         raise ValueError(f"{file}: expected a mesh file ({expected}), got the ending {Path(file.name).suffix!r}")
-    if file.size > MAX_BYTES:
-        raise ValueError(f"{file}: a mesh file of more than {MAX_BYTES:,} bytes is refused")
+    if file.size > MAX_MESH_BYTES:
+        raise ValueError(f"{file}: a mesh file of more than {MAX_MESH_BYTES:,} bytes is refused")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # NumPy warns of odd numbers
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # a texture too large counts as unreadable

@@ -17,7 +17,7 @@ MAX_LIBRARIES = 100  # MTL files of an OBJ
 
 _SLASH, _BLANK = b"/ "
 _STARTS = (b"v ", b"vt", b"f ", b"fo", b"us", b"mt")  # the first two letters of the lines that are read
-_EXPECTED = "expected faces such as 1 2 3, 1/1 2/2 3/3 or 1//1 2//2 3//3"
+_EXPECTED_FACES = "expected faces such as 1 2 3, 1/1 2/2 3/3 or 1//1 2//2 3//3"
 _SIGN, _SIGN_AFTER_NAMES = b"#", b" # "  # of a remark; names may be "Material #25"
 
 Rows = Callable[[bytes, bytes], tuple[list[int], list[bytes]]]
@@ -109,10 +109,10 @@ def _parse_corners(faces: Sequence[bytes], count: int) -> Integers:
     letters = np.frombuffer(text, np.uint8)
     divides = (letters == _SLASH) | (letters == _BLANK)
     starts = np.flatnonzero(divides[:-1] & ~divides[1:]) + 1
-    numbers = as_numbers(text.replace(b"/", b" "), np.int64, len(starts), _EXPECTED)
+    numbers = as_numbers(text.replace(b"/", b" "), np.int64, len(starts), _EXPECTED_FACES)
     is_first = letters[starts - 1] == _BLANK  # of its corner
     if is_first.sum() != count:
-        raise ValueError(_EXPECTED)
+        raise ValueError(_EXPECTED_FACES)
     slashes = np.where(is_first, 0, 1 + (letters[starts - 2] == _SLASH)).cumsum()
     kind = slashes - np.maximum.accumulate(np.where(is_first, slashes, 0))  # 0: vertex, 1: place, 2: normal
     corner = is_first.cumsum() - 1

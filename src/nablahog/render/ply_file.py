@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .mesh_bytes import as_utf8
 from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
 
-MAX_HEADER = 2**20  # bytes
+MAX_HEADER_BYTES = 2**20
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4"},
@@ -24,7 +24,7 @@ _CORNERS = ("vertex_indices", "vertex_index")
 _COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 _TEXTURED = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))  # coordinates of vertices in a texture
 _END = re.compile(rb"[\r\n][ \t]*end_header[ \t]*(?:\r\n|\n|\r)")
-_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
+_ORDERS_BY_FORMAT = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": None}
 
 
 class Property(NamedTuple):
@@ -62,14 +62,14 @@ def read_header(data: bytes) -> Header:
     """The header of a file.
 
     Raises:
-        ValueError: it is no header, or longer than :data:`MAX_HEADER`.
+        ValueError: it is no header, or longer than :data:`MAX_HEADER_BYTES`.
     """
-    end = _END.search(data, 0, MAX_HEADER)
+    end = _END.search(data, 0, MAX_HEADER_BYTES)
     text = as_utf8(data[: end.start()]).decode() if end else ""
     lines = [line.split() for line in re.split(r"[\r\n]+", text)]
     formats = [line[1] for line in lines if len(line) > 1 and line[0] == "format"]
-    if end is None or lines[:1] != [["ply"]] or len(formats) != 1 or formats[0] not in _ORDERS:
-        limit = f"of at most {MAX_HEADER:,} bytes"
+    if end is None or lines[:1] != [["ply"]] or len(formats) != 1 or formats[0] not in _ORDERS_BY_FORMAT:
+        limit = f"of at most {MAX_HEADER_BYTES:,} bytes"
         raise ValueError(f"it does not begin with ply, its format and a header {limit} to end_header")
     elements: list[Element] = []
     for key, *words in filter(None, lines):
@@ -85,7 +85,7 @@ def read_header(data: bytes) -> Header:
             length = _TYPES[kinds[0]] if words[0] == "list" else None
             elements[-1].properties.append(Property(words[-1].lower(), _TYPES[kinds[-1]], length))
     textures = re.findall(r"(?m)^\s*comment\s+TextureFile\s+(.*\S)", text.replace("\r", "\n"))
-    return Header(_ORDERS[formats[0]], elements, end.end(), textures)
+    return Header(_ORDERS_BY_FORMAT[formats[0]], elements, end.end(), textures)
 
 
 def read_ply(data: bytes, most_rows: int, sample: Callable[[str, Floats], Floats | None]) -> Soup:

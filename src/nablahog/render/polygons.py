@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 BRIGHTNESS = 0.8
 """The brightness of a mesh without colours."""
 GRAY = (0.299, 0.587, 0.114)  # of R, G and B
-_OVERSHOOT = 1.1  # the largest float that is no level up to 255: filters leave more than 1
+_HIGHEST_FRACTION = 1.1  # the largest float that is no level up to 255: filters leave more than 1
 MOST_CORNERS = 1000  # of a polygon that is not convex; its triangles take their square in time
 
 
@@ -36,7 +36,7 @@ def to_gray(colours: NDArray[Any]) -> Floats:
         whites = (255, 65535, np.iinfo(colours.dtype).max)
         white = min(whites[2], next(white for white in whites if largest <= white))
     else:
-        white = 1 if largest <= _OVERSHOOT else 255
+        white = 1 if largest <= _HIGHEST_FRACTION else 255
     gray: Floats = (numbers[..., :3] / white) @ np.array(GRAY)
     return gray.clip(0, 1)
 

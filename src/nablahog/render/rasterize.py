@@ -16,8 +16,8 @@ from .mesh import Mesh, check_mesh
 NEAR = 1e-3
 """Depth of the near plane, as a share of the camera's distance from the object."""
 _INTEGERS, _REALS = native.array(np.int32), native.array(np.float32, np.float64)
-_MESH = _REALS, c_int64, c_int64, _INTEGERS, c_int64
-_rasterize = native.function("rasterize", c_bool, *_MESH, c_int64, c_int64, _INTEGERS, _REALS)
+_FLAT_MESH = _REALS, c_int64, c_int64, _INTEGERS, c_int64
+_rasterize = native.function("rasterize", c_bool, *_FLAT_MESH, c_int64, c_int64, _INTEGERS, _REALS)
 _CHUNK = 2**22  # samples in bounding boxes of triangles that are tested group_cut_views
 
 

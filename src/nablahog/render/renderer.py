@@ -20,9 +20,11 @@ from .pipeline import render_torch
 from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
 
 _FLOATS, _INTEGERS = native.array(np.float32), native.array(np.int32)
-_MESH = _FLOATS, c_int64, _INTEGERS, _FLOATS, c_int64, _INTEGERS, _INTEGERS, _FLOATS, c_int64
+_SHADED_MESH = _FLOATS, c_int64, _INTEGERS, _FLOATS, c_int64, _INTEGERS, _INTEGERS, _FLOATS, c_int64
 _CAMERA = c_double, c_int64, c_int64, c_int64, c_bool
-_render = native.function("render", *_MESH, *_CAMERA, native.array(np.float64), c_int64, c_int64, _FLOATS, c_void_p)
+_render = native.function(
+    "render", *_SHADED_MESH, *_CAMERA, native.array(np.float64), c_int64, c_int64, _FLOATS, c_void_p
+)
 
 EdgeMethod: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4

@@ -11,7 +11,7 @@ from .mesh_bytes import as_numbers, as_utf8
 from .polygons import BRIGHTNESS, GRAY, Floats, Soup
 
 _HEADER = 80  # bytes
-_EXPECTED = "a facet must have three corners of three numbers each, with decimal points"
+_EXPECTED_FACET = "a facet must have three corners of three numbers each, with decimal points"
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -57,5 +57,5 @@ def _read_text(text: bytes) -> Floats:
     found = re.findall(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", text)
     loops = text.count(b"endloop")
     if len(found) % 3 or (loops and len(found) != 3 * loops):
-        raise ValueError(_EXPECTED)
-    return as_numbers(b" ".join(found), np.float64, 3 * len(found), _EXPECTED).reshape(-1, 3)
+        raise ValueError(_EXPECTED_FACET)
+    return as_numbers(b" ".join(found), np.float64, 3 * len(found), _EXPECTED_FACET).reshape(-1, 3)

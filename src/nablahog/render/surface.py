@@ -25,7 +25,7 @@ _collapse = native.function("collapse", _DOUBLES, c_int64, _INDICES, c_int64, c_
 CREASE_ANGLE = 30.0
 """Degrees between two faces above which their edge is a crease; below, the faces approximate a smooth surface."""
 _CREASE_COSINE = math.cos(math.radians(CREASE_ANGLE)) - 1e-9  # the sides of a twelve-gon meet at 30 degrees exactly
-_MAX_FACES = 64  # at a vertex, to be smoothed: the number of pairs grows quadratically
+_MAX_FACES_AT_VERTEX = 64  # at a vertex, to be smoothed: the number of pairs grows quadratically
 
 SMOOTH, BOUNDARY, CREASE = 0, 1, 2
 """Kinds of edges: between two faces of a smooth surface; of one face, or of more than two; a crease."""
@@ -119,8 +119,8 @@ def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
     unit = (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))[face]
     entries = [(corner, face, np.ones(len(corner)))]
     sizes = np.bincount(vertex)[vertex]
-    first = np.flatnonzero((sizes > 1) & (sizes <= _MAX_FACES))
-    for offset in range(1, _MAX_FACES):  # pairs of a corner and the one so many after it
+    first = np.flatnonzero((sizes > 1) & (sizes <= _MAX_FACES_AT_VERTEX))
+    for offset in range(1, _MAX_FACES_AT_VERTEX):  # pairs of a corner and the one so many after it
         first = first[first + offset < len(corner)]
         first = first[vertex[first] == vertex[first + offset]]
         if not len(first):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from importlib.abc import Traversable
 
-VARIABLE = "NABLAHOG_CACHE_DIR"
+FOLDER_VARIABLE = "NABLAHOG_CACHE_DIR"
 NAME = "nablahog"
 PACKAGE = files(NAME)
 SOURCES, LIBRARY = (".cpp", ".h"), ".so"
@@ -29,14 +29,16 @@ def cache_folder() -> Path:
     Raises:
         FileNotFoundError: the user has no home.
     """
-    given = os.environ.get(VARIABLE)
-    if given:
-        return Path(given).absolute()
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return Path(named).absolute()
     from platformdirs import user_cache_path
 
     path = user_cache_path(NAME)
     if not path.is_absolute():  # "~" where there is no home
-        raise FileNotFoundError(f"there is no folder for caches: the user has no home, and {VARIABLE} is not set")
+        raise FileNotFoundError(
+            f"there is no folder for caches: the user has no home, and {FOLDER_VARIABLE} is not set"
+        )
     return path
 
 
@@ -50,7 +52,7 @@ def code_key(*definitions: Callable[..., Any]) -> str:
         definitions: functions or classes; those of this package change nothing.  A ``functools.partial`` stands for
             its function.
     """
-    functions = (each.func if isinstance(each, partial) else each for each in definitions)
+    functions = (definition.func if isinstance(definition, partial) else definition for definition in definitions)
     modules = sorted({function.__module__ for function in functions})
     keys = [_key_of_module(module) for module in modules if module.partition(".")[0] != NAME]
     return hashlib.sha256(repr([_key_of_package(), *keys]).encode()).hexdigest()

@@ -77,7 +77,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
 
 
-def in_float64(x: torch.Tensor) -> torch.Tensor:
+def to_float64(x: torch.Tensor) -> torch.Tensor:
     """In float64; as it is on a device that has none, such as Apple's GPU."""
     if torch.compiler.is_compiling():
         return x.double()

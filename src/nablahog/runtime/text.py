@@ -35,7 +35,7 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        each if each.isprintable() else each.encode("unicode_escape", "surrogatepass").decode() for each in text
+        letter if letter.isprintable() else letter.encode("unicode_escape", "surrogatepass").decode() for letter in text
     )
 
 
@@ -63,7 +63,7 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
-def what_came(value: object, path: str, items: str) -> str:
+def describe_type(value: object, path: str, items: str) -> str:
     """The end of a sentence that refuses ``value``: its type, or what to write for a path, or the items of a list."""
     kind = type(value).__name__
     if isinstance(value, str | os.PathLike):

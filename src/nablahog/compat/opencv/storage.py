@@ -30,7 +30,7 @@ from ...io.files import replacing
 from ...io.input_file import InputFile, Readable, input_file
 from ...runtime.text import one_line
 
-MAX_BYTES = 2**23  # of a file, unpacked: half a million coefficients, where a detector of people has four thousand
+MAX_STORAGE_BYTES = 2**23  # unpacked: half a million coefficients, where a detector of people has four thousand
 MAX_TAGS = 100_000  # of an XML file, whose elements take a hundred times their size
 _TYPE = "opencv-object-detector-hog"
 _YAML_ENTRY = re.compile(r"(?m)^[ \t]+([\w-]+)[ \t]*:[ \t]*(\[[^\]:]*\]|[^\s\[\]]+)[ \t]*(?:#.*)?$")
@@ -111,14 +111,14 @@ def _split_numbers(text: str) -> list[str]:
 
 
 def _read_text(file: InputFile) -> str:
-    data = file.read(MAX_BYTES + 1)
+    data = file.read(MAX_STORAGE_BYTES + 1)
     if data[:2] == b"\x1f\x8b":
         try:
-            data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_BYTES + 1)
+            data = gzip.GzipFile(fileobj=io.BytesIO(data)).read(MAX_STORAGE_BYTES + 1)
         except (EOFError, OSError, zlib.error) as error:
             raise ValueError(f"it cannot be unpacked: {error}") from None
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"it is larger than {MAX_BYTES:,} bytes")
+    if len(data) > MAX_STORAGE_BYTES:
+        raise ValueError(f"it is larger than {MAX_STORAGE_BYTES:,} bytes")
     return data.decode().lstrip("\ufeff \t\r\n")  # UnicodeDecodeError is a ValueError
 
 
