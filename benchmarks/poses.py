@@ -31,8 +31,9 @@ from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import AnnotatedObject, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import rendered
-from nablahog.paper.models import Meshes, models_in, scene_chairs
-from nablahog.paper.scenes import SceneSettings, scene
+from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
+from nablahog.render.mesh import load_meshes
+from nablahog.render.models import archived_models, check_models, read_models
 from timing import Summary, digits, summary, table
 
 WITHIN = 15.0  # degrees of azimuth
@@ -49,7 +50,7 @@ def objects(
     condition: str = "",
 ) -> list[AnnotatedObject]:
     """So many scenes of the models of a folder, or of chairs that ship, from the viewpoints of a file, or random."""
-    chairs = scene_chairs() if models is None else models_in(models)[0]
+    chairs = archived_models(CHAIRS) if models is None else check_models(read_models(models)[0])[0]
     angles = (
         sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
@@ -124,7 +125,7 @@ def row(name: str, examples: list[AnnotatedObject], choices: dict[str, Any]) -> 
 
 def by_height(heights: list[int], count: int, seed: int) -> str:
     """Errors of the rotation by the height of known chairs in pixels."""
-    models, angles = Meshes(scene_chairs()), sample_viewpoints(10_000, np.random.default_rng(seed))
+    models, angles = load_meshes(CHAIRS), sample_viewpoints(10_000, np.random.default_rng(seed))
     clutter, rows = [sample_photograph(name) for name in SAMPLE_NAMES], []
     for height in heights:
         side = max(224, int(1.8 * height))

@@ -30,8 +30,9 @@ from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog
 from nablahog.hog.dialects import BY_NAME
-from nablahog.paper.models import Model, read_models
-from nablahog.render import Camera, Light, Mesh, Renderer, load_mesh, pose, pose_vjp
+from nablahog.paper.scenes import CHAIRS
+from nablahog.render import Camera, Light, Mesh, Renderer, pose, pose_vjp
+from nablahog.render.models import Model, read_models
 from nablahog.render.renderer import EdgeMethod
 from preimages import SIDE, photographs
 from timing import Call, Times, cell, digits, in_turns, processor, ratio, summary, table, times_as_fast
@@ -60,7 +61,7 @@ CASES = [
 
 def divided_chair(finer: int) -> Mesh:
     """A chair each of whose faces is divided into four so often."""
-    mesh = Model("chair-03").mesh()
+    mesh = Model("chair-03", CHAIRS).mesh()
     vertices, faces = mesh.vertices.numpy(), mesh.faces.numpy()
     for _ in range(finer):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
@@ -124,11 +125,11 @@ VARIANTS = tuple(product(METHODS, STEPS))
 def chairs(folder: Path | None, count: int) -> Iterator[tuple[str, Mesh]]:
     """Models spread evenly over a folder's, or those that ship."""
     if folder is None:
-        yield from ((f"chair {seed}", Model(f"chair-{seed:02d}").mesh()) for seed in range(count))
+        yield from ((f"chair {seed}", Model(f"chair-{seed:02d}", CHAIRS).mesh()) for seed in range(count))
         return
-    paths = list(read_models(folder).paths.items())
-    for k in np.linspace(0, len(paths) - 1, min(count, len(paths))).round().astype(int):
-        yield paths[k][0], load_mesh(paths[k][1])
+    models, _ = read_models(folder)
+    for k in np.linspace(0, len(models) - 1, min(count, len(models))).round().astype(int):
+        yield models[k].name, models[k].mesh()
 
 
 def target(mesh: Mesh, number: int) -> Tensor:

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 
 from nablahog import metrics
+from nablahog.io.photographs import sample_photographs
 from nablahog.paper.learned import shipped_files
 from nablahog.paper.methods import METHODS, Table1Settings
 from nablahog.paper.names import DIALECTS, LEARNED_DIALECTS
-from nablahog.paper.photographs import sample_photographs
 from nablahog.viz.pictures import Panel, contact_sheet
 
 HERE = Path(__file__).parent

@@ -22,10 +22,11 @@ from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from nablahog.paper.annotations import sample_viewpoints
 from nablahog.paper.examples import rendered
-from nablahog.paper.models import scene_chairs
+from nablahog.paper.scenes import CHAIRS
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
 from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.render.models import archived_models
 from nablahog.viz.pictures import Panel, contact_sheet, difference, glyphs
 
 HERE = Path(__file__).parent
@@ -64,7 +65,7 @@ def scales() -> None:
 
 
 def pose() -> None:
-    models = scene_chairs()
+    models = archived_models(CHAIRS)
     viewpoints = sample_viewpoints(10_000, np.random.default_rng(0))
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
     scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from nablahog.paper.models import SCENE_CHAIRS
+from nablahog.paper.scenes import CHAIRS
 from nablahog.render import Mesh
 from nablahog.render.mesh import load_meshes
 
 
 def chair(seed: int) -> Mesh:
-    return load_meshes(SCENE_CHAIRS)[f"chair-{seed:02d}"]
+    return load_meshes(CHAIRS)[f"chair-{seed:02d}"]

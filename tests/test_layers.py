@@ -34,7 +34,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
 MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"nablahog"}
 MAY_IMPORT["requests"] = {"compat", "hog", "invert", "io", "pose", "runtime"}  # what front ends can be asked
-MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog"}
+MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog", "paper"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}  # one of its commands starts the page
 MAY_IMPORT["__main__"] = {"cli"}
 for _name in {*MAY_IMPORT} - {"native", "__main__"}:
@@ -120,6 +120,13 @@ def test_inner_rooms_belong_to_one_room(inner: str, entrance: str) -> None:
         if target.is_relative_to(inner) and room(source) != room(target) and target != Path(entrance)
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_only_the_tables_know_the_paper() -> None:
+    """``nablahog table1``, ``table2`` and ``learn``, which learns what Table 1 compares with, and their arguments."""
+    knowing = {"cli/commands/tables.py", "cli/commands/learn.py", "cli/arguments/parsers.py"}
+    wrong = {str(source) for source, _, target in ARROWS if room(target) == "paper" != room(source)} - knowing
+    assert not wrong
 
 
 def test_the_command_goes_one_way() -> None:

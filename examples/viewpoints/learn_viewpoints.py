@@ -24,7 +24,7 @@ from torch import Tensor
 from nablahog import Mesh
 from nablahog.invert.provenance import digest_of_images
 from nablahog.io.learned_model import flatten_all, fold_statistics
-from nablahog.paper.photographs import read_folder
+from nablahog.io.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose.background import FINE, pose_spec
 from nablahog.pose.crop import crop_object

@@ -12,15 +12,15 @@ from nablahog import hog, presets, sample_chairs
 from nablahog.cli.commands.invert import InversionJob
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.io.descriptor_dataset import shard_key
+from nablahog.io.lists import ListedObject
 from nablahog.paper import learned
 from nablahog.paper.baselines.exemplar_views import SPEC, ExemplarLibrary
-from nablahog.paper.lists import ListedObject
-from nablahog.paper.models import Model
 from nablahog.paper.pose_methods import Table2Settings
 from nablahog.paper.table2 import PoseJob
 from nablahog.pose import model
 from nablahog.pose.background import default_background
 from nablahog.pose.crop import typical_camera
+from nablahog.render.models import Model
 from nablahog.requests.inversion import InvertRequest
 from nablahog.requests.pose import PoseRequest
 from nablahog.requests.sources import Source
@@ -36,9 +36,10 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
     photo.write_bytes(b"a photograph")
     descriptor = hog(torch.zeros(1, 1, 32, 32), "uoctti")[0]
     source = Source("a.npz", "a", descriptor, presets.uoctti(), (32, 32), None)
+    models = (Model("a", photo),)
     keys = {
         "table1": job(DARK).key(),
-        "table2": PoseJob(NEAR, np.zeros((1, 8, 8), np.float32), None, (Model("a"),), None, Table2Settings()).key(),
+        "table2": PoseJob(NEAR, np.zeros((1, 8, 8), np.float32), None, models, None, Table2Settings()).key(),
         "inversion": InversionJob(source, InvertRequest()).key(),
         "pose": ObjectJob(ListedObject(1, "photo.png"), photo, PoseRequest(), ()).key(),
         "descriptors": shard_key(["a.png"], presets.uoctti(), 0),

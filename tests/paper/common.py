@@ -14,10 +14,10 @@ from nablahog.invert.learned import network_class
 from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import count_weights
+from nablahog.io.photographs import Photographs
 from nablahog.jobs.store import Job, JobResult
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings
-from nablahog.paper.photographs import Photographs
 from nablahog.paper.table1 import ReconstructionJob, Table1, run_table1
 
 

@@ -14,9 +14,10 @@ from nablahog.hog.box import Box
 from nablahog.paper.annotations import AnnotatedObject
 from nablahog.paper.examples import Examples
 from nablahog.paper.methods import Method, MethodOutput, Table1Settings
-from nablahog.paper.models import Model
 from nablahog.paper.names import DALAL, UOCTTI
 from nablahog.paper.pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings
+from nablahog.paper.scenes import CHAIRS
+from nablahog.render.models import Model
 
 
 def _shifted(image: Tensor, settings: Table1Settings, *, by: float) -> list[MethodOutput]:
@@ -70,7 +71,7 @@ KILLED_ONCE = Method("killed-once", DALAL, _killed_once)
 
 # --- objects of Table 2, whose azimuth is the level of their first pixel, and methods that read it
 
-MODELS = (Model("chair-01"), Model("chair-02"))
+MODELS = (Model("chair-01", CHAIRS), Model("chair-02", CHAIRS))
 
 
 def examples(azimuths: Sequence[float], *, size: int = 16, prefix: str = "") -> Examples:

@@ -12,8 +12,8 @@ from nablahog.hog.box import Box
 from nablahog.paper import names
 from nablahog.paper.annotations import AnnotatedObject
 from nablahog.paper.examples import CONDITIONS, PLAIN, Examples, photographed, rendered
-from nablahog.paper.models import Model, scene_chairs
-from nablahog.paper.scenes import scene
+from nablahog.paper.scenes import CHAIRS, scene
+from nablahog.render.models import Model, archived_models
 
 from .test_scenes import MODELS, NOISE, RAMP, VIEWS
 
@@ -60,7 +60,7 @@ def test_photographs_under_a_condition() -> None:
 def _rendered(unknown_model: bool = False, seed: int = 0, condition: str = "") -> Examples:
     viewpoints, clutter = np.array([[10.0, 20.0, 4.0], [200.0, 5.0, -3.0]]), [torch.full((1, 40, 40), 0.5)]
     options = {"origin": "mine", "unknown_model": unknown_model, "seed": seed, "condition": condition}
-    return rendered(3, scene_chairs()[:3], viewpoints, clutter, **options)  # type: ignore[arg-type]
+    return rendered(3, archived_models(CHAIRS)[:3], viewpoints, clutter, **options)  # type: ignore[arg-type]
 
 
 def test_scenes() -> None:
@@ -86,7 +86,7 @@ def test_the_same_scenes_by_other_models_and_without_a_box() -> None:
         assert other.model == one.model not in candidates
         assert (harder.name, harder.box) == (f"no-box/{one.name}", None)
     with pytest.raises(ValueError, match="needs at least 2 models to leave one out, got 1"):
-        rendered(1, scene_chairs()[:1], np.zeros((1, 3)), [], origin="", unknown_model=True, seed=0)
+        rendered(1, archived_models(CHAIRS)[:1], np.zeros((1, 3)), [], origin="", unknown_model=True, seed=0)
 
 
 # --- conditions

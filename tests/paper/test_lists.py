@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from nablahog.hog.box import Box
-from nablahog.paper import lists
+from nablahog.io import lists
+from nablahog.io.lists import ListedObject, read_csv, read_objects
 from nablahog.paper.annotations import LONGEST, read_annotations, read_viewpoints, sample_viewpoints
-from nablahog.paper.lists import ListedObject, read_csv, read_objects
 
 
 def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from nablahog.jobs import store
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
-from nablahog.paper.models import Model
 from nablahog.paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
+from nablahog.paper.scenes import CHAIRS
 from nablahog.paper.table2 import PoseJob, Table2, error_of_azimuth, error_of_rotation, run_table2, write_table2
 from nablahog.paper.tables import Failure
+from nablahog.render.models import Model
 
 from .fakes import ENDLESS, FAR, MODELS, NEAR, OTHER, examples
 
@@ -208,7 +209,7 @@ def test_keys_tell_work_apart(tmp_path: Path) -> None:
         replace(base, box=(0, 0, 16, 15)),
         replace(base, models=MODELS[:1]),
         replace(base, models=MODELS[::-1]),
-        replace(base, models=(Model("chair-03"), MODELS[1])),
+        replace(base, models=(Model("chair-03", CHAIRS), MODELS[1])),
         replace(base, initial=(0, 16)),
         *(replace(base, models=(Model("one", path),)) for path in files),
     ]

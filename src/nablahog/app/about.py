@@ -7,10 +7,10 @@ from importlib.metadata import version
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-from ..hog import HOGSpec
+from ..hog import HOGSpec, presets
 from ..hog.dialects import BY_NAME
 from ..invert.histograms import searchable
-from ..paper.learned import shipped_files
+from ..invert.learned import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..requests.options import Option, options_of
 from .access import MOST_BYTES
@@ -29,7 +29,6 @@ WITH_A_CONTROL_OF_THEIR_OWN = ("preset", "settings", "box", "initial", "focal")
 
 def about(store: Store) -> dict[str, Any]:
     """The answer of ``/api/about``."""
-    shipped = shipped_files()
     return {
         "version": version("nablahog"),
         "default_preset": DEFAULT_PRESET,
@@ -47,7 +46,7 @@ def about(store: Store) -> dict[str, Any]:
             for key, photograph in store.pinned(Photograph).items()
         ],
         "meshes": [{"id": key, "name": mesh.name} for key, mesh in store.pinned(MeshEntry).items()],
-        "priors": {"signed": "prior" in shipped, "unsigned": "unsigned-prior" in shipped},
+        "priors": {"signed": _has_prior(presets.uoctti()), "unsigned": _has_prior(presets.paper())},
         "limits": {"upload_bytes": MOST_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
         "options": {
             view: [
@@ -58,6 +57,11 @@ def about(store: Store) -> dict[str, Any]:
             for view, message in (("see", HogMessage), ("invert", InvertMessage), ("fit", Fit))
         },
     }
+
+
+def _has_prior(spec: HOGSpec) -> bool:
+    file = default_prior_file(spec)
+    return file is not None and file.exists()
 
 
 def _preset(name: str, spec: HOGSpec) -> dict[str, Any]:

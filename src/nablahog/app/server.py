@@ -12,7 +12,6 @@ from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
-import numpy as np
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
@@ -20,8 +19,8 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 
 from ..io.images import SAMPLE_NAMES, sample_photograph
-from ..paper.scenes import scene
-from ..render import sample_chairs
+from ..render import Camera, pose, render, sample_chairs
+from ..render.camera import to_camera, to_screen
 from ..viz.html import TEMPLATES
 from . import see, store
 from .about import about
@@ -37,7 +36,8 @@ STATIC = Path(__file__).with_name("static")
 SHARED = ("wipe.js", "wipe.css")  # with the pages that commands write
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
-VIEWPOINT = (35.0, 20.0, 0.0)  # azimuth, elevation and theta of the chair that is shown, degrees
+CHAIR_POSE = (35.0, 20.0, 3.0)  # azimuth and elevation in degrees, and distance, of the chair in a photograph
+SCENE_SIZE, SCENE_FOCAL = 224, 420.0  # pixels of that photograph
 QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the second in seconds
 Answer = TypeVar("Answer")
@@ -202,10 +202,13 @@ async def _disconnected(request: Request) -> None:
 
 
 def _chair_scene() -> Photograph:
-    """The first of the procedural chairs in front of sample photographs, as in ``nablahog table2``."""
-    clutter = [sample_photograph(name) for name in ("coffee", "rocket", "chelsea")]
-    rendered = scene(0, {"chair": sample_chairs()[CHAIRS[0]]}, np.array([VIEWPOINT]), clutter)
-    return Photograph("chair.png", rendered.image, tuple(round(side, 1) for side in rendered.box))
+    """The first of the chairs in front of a sample photograph, with its box."""
+    mesh, clutter = sample_chairs()[CHAIRS[0]], sample_photograph("coffee")[:, :SCENE_SIZE, :SCENE_SIZE]
+    camera, poses = Camera(SCENE_FOCAL, SCENE_SIZE, SCENE_SIZE), pose(*CHAIR_POSE).expand(3, 6)
+    image = render(mesh, poses, camera, background=clutter[:, None])[:, 0]  # each colour is a background
+    corners = to_screen(to_camera(mesh.vertices, poses[:1]), poses[:1], camera)[0, :, :2]
+    box = (*corners.amin(0).tolist(), *corners.amax(0).tolist())
+    return Photograph("chair.png", image, tuple(round(side, 1) for side in box))
 
 
 def _answering(handler: Handler) -> Handler:

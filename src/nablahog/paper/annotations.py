@@ -14,9 +14,9 @@ from torch.nn import functional
 
 from ..hog.box import Box
 from ..io.images import read_image
+from ..io.lists import SIDES, Row, read_csv
+from ..render.models import Model
 from ..runtime.text import one_line
-from .lists import SIDES, Row, read_csv
-from .models import Model
 
 Floats = NDArray[np.float64]
 ANGLES = ("azimuth", "elevation", "theta")

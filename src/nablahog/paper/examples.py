@@ -5,7 +5,7 @@ The conditions are rough, cut-off and missing boxes, other viewpoints, and other
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ..hog.box import Box
 from ..io.images import Picture
 from ..render import Mesh
+from ..render.models import Model
 from ..runtime.text import counted
 from .annotations import AnnotatedObject
-from .models import Meshes, Model
 from .scenes import SceneSettings, scene
 
 Generator: TypeAlias = np.random.Generator
@@ -200,6 +200,22 @@ def photographed(
     return Examples(examples, f"{origin} Candidates for each: {among}; no pose is given.", failed or {})
 
 
+class _Meshes(Mapping[str, Mesh]):
+    """The meshes of models by name, each read when a scene has it."""
+
+    def __init__(self, models: Sequence[Model]) -> None:
+        self._models = {model.name: model for model in models}
+
+    def __getitem__(self, name: str) -> Mesh:
+        return self._models[name].mesh()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._models)
+
+    def __len__(self) -> int:
+        return len(self._models)
+
+
 def rendered(
     count: int,
     models: Sequence[Model],
@@ -228,7 +244,7 @@ def rendered(
     """
     if unknown_model and len(models) < 2:
         raise ValueError(f"an unknown model needs at least 2 models to leave one out, got {len(models)}")
-    meshes, scenes = Meshes(models), CONDITIONS[condition] if condition else PLAIN
+    meshes, scenes = _Meshes(models), CONDITIONS[condition] if condition else PLAIN
     objects = []
     for index in range(count):
         one = scenes.scene(index, meshes, viewpoints, photographs, seed=seed)

@@ -17,12 +17,12 @@ from ..invert.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel, load_once
+from ..io.photographs import sample_photographs
 from ..runtime.cache import cache_folder, code_key
 from .baselines.bovw import BoVW, learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
 from .names import PRIORS
-from .photographs import sample_photographs
 
 Progress: TypeAlias = Callable[[int, int, str], None]
 SPEC: HOGSpec = presets.uoctti()

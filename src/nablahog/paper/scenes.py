@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -26,6 +27,8 @@ from .looks import compressed, relit
 Floats: TypeAlias = NDArray[np.float64]
 Range: TypeAlias = tuple[float, float]
 
+CHAIRS = Path(__file__).with_name("chairs.npz")
+"""The 24 procedural chairs in the scenes of Table 2, by name; :func:`nablahog.sample_chairs` has others."""
 _MARGIN = 6  # pixels between the object and the image's border
 
 

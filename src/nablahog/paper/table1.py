@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from .. import metrics
 from ..io.images import as_array
+from ..io.photographs import Photographs
 from ..jobs.store import JobResult, digest, key_of
 from ..runtime.cache import code_key
 from .methods import Method, MethodOutput, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
-from .photographs import Photographs
 from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "distance")

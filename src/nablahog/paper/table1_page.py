@@ -12,12 +12,12 @@ from torch import Tensor
 from .. import metrics
 from ..hog import HOGSpec, hog
 from ..invert.multiscale import SCALES
+from ..io.photographs import Photographs
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from .learned import load
 from .methods import Method, Table1Settings
 from .names import PRIORS
-from .photographs import Photographs
 from .table1 import Line, Table1
 from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
 

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from ..hog.box import Box
 from ..io.images import as_array
-from ..jobs.store import JobResult, key_of
+from ..jobs.store import JobResult, digest, key_of
+from ..jobs.worker import local_path
 from ..metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view
+from ..render.models import Model
 from ..runtime.cache import code_key
 from .annotations import AnnotatedObject
 from .examples import Examples
-from .models import Model
 from .names import POSE_PUBLISHED
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
 from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
@@ -51,7 +52,7 @@ class PoseJob:
         facts = {
             "method": self.method.name,
             "box": self.box,
-            "models": [[model.name, model.digest()] for model in self.models],
+            "models": [[model.name, digest(model.file)] for model in self.models],
             "initial": self.initial,
             "seed": self.settings.seed,
             "code": code_key(self.method.run, *filter(None, [self.method.prepare])),
@@ -59,11 +60,11 @@ class PoseJob:
         return key_of(facts, self.image)
 
     def files(self) -> list[Path]:
-        return [model.file for model in self.models if model.file is not None]
+        return [model.file for model in self.models]
 
     def run(self) -> JobResult:
         """Runs the method: the pose as figures, its silhouette as the picture; the time is without preparation."""
-        meshes = {model.name: model.mesh() for model in self.models}
+        meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
         problem = PoseInput(torch.from_numpy(self.image), self.box, meshes, self.initial)
         if self.method.prepare is not None:
             self.method.prepare(problem, self.settings)

@@ -18,9 +18,10 @@ from PIL import ExifTags, Image
 from nablahog.cli.commands import pose
 from nablahog.cli.main import main
 from nablahog.io.images import write_image
+from nablahog.io.lists import read_objects
 from nablahog.jobs import runner
-from nablahog.paper.lists import read_objects
 from nablahog.render import Mesh, load_mesh
+from nablahog.render.mesh import save_meshes
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
 from ..common import names
@@ -99,14 +100,13 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
 def test_chairs_that_come_with_the_package(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pose, "sample_chairs", lambda: {"swivel-1": model(SWIVEL), "wooden-0": model()})
-    pose._meshes.cache_clear()
+    save_meshes(tmp_path / "chairs.npz", {"swivel-1": model(SWIVEL), "wooden-0": model()})
+    monkeypatch.setattr(pose, "SAMPLE_CHAIRS", tmp_path / "chairs.npz")
     image, box = photographed(model(SWIVEL), AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
     sides = ",".join(f"{side:g}" for side in box)
     to = ["--box", sides, f"--init=-20,{ELEVATION}", "-o", str(tmp_path / "out")]
     assert main(["pose", str(tmp_path / "chair.png"), *to]) == 0
-    pose._meshes.cache_clear()
     assert "swivel-1" in capsys.readouterr().out
     assert figures(tmp_path / "out")["model"] == "swivel-1"
     assert degrees_between(figures(tmp_path / "out")["azimuth"], AZIMUTH) < 5

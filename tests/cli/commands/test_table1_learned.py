@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from nablahog.cli.main import main
+from nablahog.io.photographs import sample_photographs
 from nablahog.paper import learned
 from nablahog.paper.learned import LEARNED
-from nablahog.paper.photographs import sample_photographs
 
 
 @pytest.fixture

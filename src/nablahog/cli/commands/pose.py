@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -15,16 +14,15 @@ import numpy as np
 from ...hog.box import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import read_exif_focal, read_image
+from ...io.lists import ListedObject, read_objects
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
-from ...paper.lists import ListedObject, read_objects
-from ...paper.models import Models, read_models
 from ...pose import estimate_pose
 from ...pose.crop import masked
 from ...pose.options import Lens
 from ...pose.result import pose_figures
-from ...render import Mesh, load_mesh, sample_chairs
-from ...render.mesh import Y_UP, axes
+from ...render.mesh import SAMPLE_CHAIRS, Y_UP, axes
+from ...render.models import Model, archived_models, check_models, read_models
 from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.text import unicode_of
@@ -52,16 +50,16 @@ def pose(arguments: Namespace) -> int:
     objects, photos = _objects(arguments)
     if request.within < 180 and all(one.initial is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
-    models = _models(request)
+    models, ignored = _models(request)
     folder = Path(arguments.output)
     inputs: list[str | Path] = [
         *photos,
         *(file for file in (request.annotations, request.mask) if file),
-        *models.paths.values(),
+        *(model.file for model in models),
     ]
     forbid_overwrite(inputs, [folder / name for name in names(objects, request.page)])
     with output_folder(folder):
-        readable = tuple((name, path.absolute()) for name, path in _readable(models, request).items())
+        readable = _check(models, ignored)
         jobs = [ObjectJob(one, photo, request, readable) for one, photo in zip(objects, photos, strict=True)]
         results = _run(folder, jobs, arguments)
         least = request.least_confidence
@@ -74,7 +72,7 @@ def pose(arguments: Namespace) -> int:
         write(folder, posed, least)
     print_table(rows(posed))
     say_page(folder / "index.html")
-    z_up = request.up is None and {path.suffix.lower() for path in models.paths.values()} - {*Y_UP}
+    z_up = request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}
     return _status(posed, least, AXES if z_up else "")
 
 
@@ -108,37 +106,27 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
     return objects, [photo / local_name(one.image) for one in objects]
 
 
-def _models(request: PoseRequest) -> Models:
-    """The models in the folder or file ``request.mesh``, not read yet; none for those of the package."""
+def _models(request: PoseRequest) -> tuple[list[Model], list[str]]:
+    """The models in the folder or file ``request.mesh``, or those of the package; names of files that are none."""
     if request.mesh is None:
         if request.up or request.front:
             raise ValueError("--up and --front go with --mesh; the chairs of nablahog need neither")
-        return Models({}, [])
+        return archived_models(SAMPLE_CHAIRS), []
     if request.up is not None:
         axes(request.up, request.front)
     path = Path(request.mesh)
     if path.is_dir():
-        return read_models(path)
-    return Models({unicode_of(path.stem): path}, [])
+        return read_models(path, up=request.up, front=request.front)
+    return [Model(unicode_of(path.stem), path, request.up, request.front)], []
 
 
-def _readable(models: Models, request: PoseRequest) -> dict[str, Path]:
+def _check(models: list[Model], ignored: list[str]) -> tuple[Model, ...]:
     """The models that can be read, with progress; a line on stderr for each other, or ValueError if there is none."""
-    readable = {}
     with counter("nablahog pose") as progress:
-        for model, _ in models.meshes(request.up, request.front):
-            readable[model] = models.paths[model]
-            progress(len(readable) + len(models.failed), len(models.paths), f"reading {model}")
-    if models.failed and not readable:
-        model, reason = next(iter(models.failed.items()))
-        first = "no model can be read; the first: " if len(models.paths) > 1 else ""
-        raise ValueError(f"{first}{models.paths[model]}: {reason}")
-    for model, reason in (
-        *models.failed.items(),
-        *((other, "its name does not end like that of a model") for other in models.ignored),
-    ):
-        inform(f"nablahog pose: skipped: {model}: {reason}")
-    return readable
+        readable, failed = check_models(models, progress)
+    for name, reason in (failed | dict.fromkeys(ignored, "its name does not end like that of a model")).items():
+        inform(f"nablahog pose: skipped: {name}: {reason}")
+    return tuple(readable)
 
 
 def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> int:
@@ -165,15 +153,12 @@ def _named(one: PosedObject) -> str:
 
 @dataclass(frozen=True)
 class ObjectJob:
-    """The search for the pose of an object in a photograph.
-
-    Models are names and files, none for :func:`nablahog.sample_chairs`.
-    """
+    """The search for the pose of an object in a photograph."""
 
     listed: ListedObject
     photo: Path
     request: PoseRequest
-    models: tuple[tuple[str, Path], ...]
+    models: tuple[Model, ...]
 
     @property
     def name(self) -> str:
@@ -182,14 +167,14 @@ class ObjectJob:
 
     def files(self) -> list[Path]:
         mask = [] if self.request.mask is None else [Path(self.request.mask)]
-        return [self.photo, *mask, *(path for _, path in self.models)]
+        return [self.photo, *mask, *(model.file for model in self.models)]
 
     def key(self) -> str:
         """A hash of what is known of the object, all files, the options, and the code."""
         facts = {
             "files": [digest(path) for path in self.files()],
             "request": asdict(replace(self._whole(), **_NO_PART_OF_A_RESULT)),
-            "models": [name for name, _ in self.models],
+            "models": [model.name for model in self.models],
             "code": code_key(),
         }
         return key_of(facts, np.empty(0, np.float32))
@@ -205,7 +190,7 @@ class ObjectJob:
         if request.mask is not None:
             photograph, box = masked(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
         lens = read_lens(photo, request.focal, request.principal_point)
-        meshes = _meshes(self.models, request.up, request.front)
+        meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
         asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}
         began = perf_counter()
         estimate = estimate_pose(photograph, meshes, **asked, progress=progress)
@@ -236,11 +221,3 @@ def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[flo
     if principal_point is not None:
         raise ValueError(f"{photo}: --principal-point needs a known focal length: expected --focal")
     return Lens(None, None, "assumed")
-
-
-@lru_cache(maxsize=2)
-def _meshes(models: tuple[tuple[str, Path], ...], up: str | None, front: str | None) -> Mapping[str, Mesh]:
-    """The meshes, read once by a process for all its objects."""
-    if not models:
-        return sample_chairs()
-    return {name: load_mesh(local_path(path), up=up, front=front) for name, path in models}

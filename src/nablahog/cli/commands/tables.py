@@ -14,19 +14,21 @@ import numpy as np
 from ...io.arrays import naming
 from ...io.files import output_folder, write_text
 from ...io.images import SAMPLE_NAMES, sample_photograph
+from ...io.photographs import Photographs, read_folder, sample_photographs
 from ...jobs.worker import cores
 from ...paper import table1_page, table2_page
 from ...paper.annotations import read_annotations, read_viewpoints, sample_viewpoints
 from ...paper.examples import CONDITIONS, Examples, photographed, rendered
 from ...paper.learned import learned_from_samples, load, shipped_files
 from ...paper.methods import Method, Table1Settings, choose
-from ...paper.models import chair_library, models_in, scene_chairs
 from ...paper.pascal3d import read_pascal3d
-from ...paper.photographs import Photographs, read_folder, sample_photographs
 from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
+from ...paper.scenes import CHAIRS
 from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
+from ...render.mesh import SAMPLE_CHAIRS
+from ...render.models import Model, archived_models, check_models, read_models
 from ...runtime.text import counted
 from ..arguments.parsers import HARDER, SCENES
 from ..terminal import counter, print_table, say, say_ignored, say_page
@@ -149,13 +151,18 @@ def objects(arguments: Namespace) -> Objects:
     return _scenes(arguments) if arguments.annotations is None else _annotated(arguments)
 
 
+def _models(folder: str | None, shipped: Path) -> tuple[list[Model], dict[str, str]]:
+    """The models of a folder, or of an archive that comes with the package; why others cannot be read, by name."""
+    return (archived_models(shipped), {}) if folder is None else check_models(read_models(folder)[0])
+
+
 def _published(arguments: Namespace) -> Objects:
     if arguments.conditions:
         raise ValueError(
             "--conditions needs scenes or annotations: objects of --pascal3d are cut out along their boxes"
         )
     voc, pascal3d = map(Path, arguments.pascal3d)
-    models, passed_over = models_in(Path(arguments.models or pascal3d / "CAD" / "chair"))
+    models, passed_over = check_models(read_models(arguments.models or pascal3d / "CAD" / "chair")[0])
     selection = read_pascal3d(voc, pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
@@ -171,7 +178,7 @@ def _published(arguments: Namespace) -> Objects:
 
 
 def _annotated(arguments: Namespace) -> Objects:
-    models, passed_over = (chair_library(), {}) if arguments.models is None else models_in(Path(arguments.models))
+    models, passed_over = _models(arguments.models, SAMPLE_CHAIRS)
     folder = Path(arguments.annotations).resolve().parent
     read = read_annotations(arguments.annotations, {model.name for model in models}, arguments.objects)
     made = partial(
@@ -191,7 +198,7 @@ def _annotated(arguments: Namespace) -> Objects:
 
 
 def _scenes(arguments: Namespace) -> Objects:
-    models, passed_over = (scene_chairs(), {}) if arguments.models is None else models_in(Path(arguments.models))
+    models, passed_over = _models(arguments.models, CHAIRS)
     if arguments.viewpoints is None:
         viewpoints = sample_viewpoints(VIEWPOINTS, np.random.default_rng(arguments.seed))
         views = "seen as people photograph chairs"

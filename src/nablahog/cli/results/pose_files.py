@@ -15,8 +15,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...io.files import write_text
+from ...io.lists import ListedObject
 from ...jobs.store import JobResult
-from ...paper.lists import ListedObject
 from ...runtime.text import guarded
 from ...viz import html
 from ...viz.pictures import Panel
@@ -104,7 +104,7 @@ def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float)
 
 
 def as_csv(objects: Sequence[PosedObject]) -> str:
-    """A line for each object, which :func:`nablahog.paper.lists.read_objects` reads again.
+    """A line for each object, which :func:`nablahog.io.lists.read_objects` reads again.
 
     m00 … m23 are the upper three rows of the matrix, row by row.
     """

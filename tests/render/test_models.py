@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from nablahog import Mesh, sample_chairs
-from nablahog.paper.models import Meshes, Model, chair_library, models_in, read_models, scene_chairs
-from nablahog.render.mesh import load_meshes, save_meshes
+from nablahog.paper.scenes import CHAIRS
+from nablahog.render.mesh import SAMPLE_CHAIRS, load_meshes, save_meshes
+from nablahog.render.models import Model, archived_models, check_models, read_models
 
 TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
@@ -37,24 +38,24 @@ def test_models_here_and_below(tmp_path: Path) -> None:
         f"{shapenet}.obj": OBJ,
         "1/2/3/4/5/c.off": OBJ,
     }
-    models = read_models(_fill(tmp_path, {**files, ".hidden/d.off": TRIANGLE, "notes": ""}))
-    assert list(models.paths) == ["01", "02", shapenet, "chair/b"]
-    assert models.paths["chair/b"] == tmp_path / "chair" / "b.OFF"
-    assert models.ignored == ["notes"]
-    assert [len(mesh.faces) for _, mesh in models.meshes()] == [1] * 4
+    models, ignored = read_models(_fill(tmp_path, {**files, ".hidden/d.off": TRIANGLE, "notes": ""}))
+    assert [model.name for model in models] == ["01", "02", shapenet, "chair/b"]
+    assert models[3].file == tmp_path / "chair" / "b.OFF"
+    assert ignored == ["notes"]
+    assert [len(model.mesh().faces) for model in models] == [1] * 4
 
 
 def test_materials_belong_to_their_model(tmp_path: Path) -> None:
     white = "newmtl m\nKd 1 1 1\n"
-    models = read_models(_fill(tmp_path, {"a/a.obj": OBJ, "a/a.mtl": white, "a/wood.jpg": "", "a/read.me": ""}))
-    assert (list(models.paths), models.ignored) == (["a/a"], ["a/read.me"])
-    [(_, mesh)] = models.meshes()
-    assert float(mesh.brightness.min()) == pytest.approx(1)
+    files = {"a/a.obj": OBJ, "a/a.mtl": white, "a/wood.jpg": "", "a/read.me": ""}
+    (model,), ignored = read_models(_fill(tmp_path, files))
+    assert (model.name, ignored) == ("a/a", ["a/read.me"])
+    assert float(model.mesh().brightness.min()) == pytest.approx(1)
 
 
 def test_same_names_keep_their_endings(tmp_path: Path) -> None:
     _fill(tmp_path, {"a.off": TRIANGLE, "a.obj": OBJ, "b.off": TRIANGLE})
-    assert list(read_models(tmp_path).paths) == ["a.obj", "a.off", "b"]
+    assert [model.name for model in read_models(tmp_path)[0]] == ["a.obj", "a.off", "b"]
 
 
 def test_no_models(tmp_path: Path) -> None:
@@ -63,36 +64,36 @@ def test_no_models(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="but it holds none"):
         read_models(tmp_path)
     _fill(tmp_path, {"bad.off": "hello"})
-    with pytest.raises(ValueError, match="no model can be read; the first: bad: "):
-        models_in(tmp_path)
+    _fill(tmp_path, {"worse.off": "hello"})
+    with pytest.raises(ValueError, match=r"no model can be read; the first: .*bad\.off: "):
+        check_models(read_models(tmp_path)[0])
 
 
 def test_files_are_read_again_when_they_change(tmp_path: Path) -> None:
     heights = {"a": 2, "b": 1}
     _fill(tmp_path, {f"{name}.off": TETRAHEDRON.format(height=height) for name, height in heights.items()})
     _fill(tmp_path, {"c.off": "hello"})
-    models, failed = models_in(tmp_path)
+    models, failed = check_models(read_models(tmp_path)[0])
     assert models == [Model("a", tmp_path / "a.off"), Model("b", tmp_path / "b.off")]
     assert list(failed) == ["c"]
-    mesh, digest = models[1].mesh(), models[1].digest()
+    mesh = models[1].mesh()
     assert models[1].mesh() is mesh
     _fill(tmp_path, {"b.off": TETRAHEDRON.format(height=3)})
     os.utime(tmp_path / "b.off", (0, 0))
-    assert models[1].digest() != digest
     assert models[1].mesh() is not mesh
 
 
-def test_meshes_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
-    meshes = Meshes([Model("later", tmp_path / "later.off"), *scene_chairs()])
-    assert (len(meshes), "chair-03" in meshes) == (25, True)
-    _fill(tmp_path, {"later.off": TRIANGLE})
-    assert meshes["later"].faces.shape == (1, 3)
+def test_axes_of_a_file(tmp_path: Path) -> None:
+    (model,), _ = read_models(_fill(tmp_path, {"a.off": TETRAHEDRON.format(height=2)}), up="y", front="+z")
+    assert not torch.equal(model.mesh().vertices, Model("a", model.file).mesh().vertices)
 
 
 def test_chairs_that_come_with_the_package() -> None:
     chairs = sample_chairs()
-    assert [model.name for model in chair_library()] == list(chairs)
-    assert chair_library()[5].mesh() is chairs["wooden-5"]
+    assert [model.name for model in archived_models(SAMPLE_CHAIRS)] == list(chairs)
+    assert archived_models(SAMPLE_CHAIRS)[5].mesh() is chairs["wooden-5"]
+    with pytest.raises(ValueError, match="expected a mesh archive that has x"):
+        Model("x", SAMPLE_CHAIRS).mesh()
     for name, mesh in chairs.items():
         low, high = mesh.vertices.amin(0), mesh.vertices.amax(0)
         torch.testing.assert_close(low, -high, atol=1e-6, rtol=0)
@@ -102,13 +103,15 @@ def test_chairs_that_come_with_the_package() -> None:
             assert float(top[:, 1].mean()) > 0.05, name  # the back is behind
 
 
-@pytest.mark.parametrize(("name", "seed", "kind"), [("swivel-2", 2, "swivel"), ("chair-03", 3, None)])
+@pytest.mark.parametrize(
+    ("name", "file", "seed", "kind"), [("swivel-2", SAMPLE_CHAIRS, 2, "swivel"), ("chair-03", CHAIRS, 3, None)]
+)
 def test_they_are_those_of_the_generator(
-    name: str, seed: int, kind: str | None, monkeypatch: pytest.MonkeyPatch
+    name: str, file: Path, seed: int, kind: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(EXAMPLES / "chairs")
     expected = importlib.import_module("chairs").chair(seed, kind)
-    mesh = Model(name).mesh()
+    mesh = Model(name, file).mesh()
     torch.testing.assert_close(mesh.vertices, expected.vertices, atol=1e-7, rtol=0)
     torch.testing.assert_close(mesh.brightness, expected.brightness, atol=1e-7, rtol=0)
     assert torch.equal(mesh.faces, expected.faces)

@@ -14,8 +14,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..hog.box import Box
-from ..io.input_file import input_file
 from ..runtime.text import decoded, one_line, unguarded
+from .input_file import input_file
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
@@ -152,7 +152,7 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
 
     >>> from pathlib import Path
     >>> _ = Path("chairs.csv").write_text("image,x0,y0,x1,y1\\na.jpg,10,20,110,220\\nb.jpg,,,,\\n")
-    >>> for each in nablahog.paper.lists.read_objects("chairs.csv"):
+    >>> for each in nablahog.io.lists.read_objects("chairs.csv"):
     ...     print(each.id, each.image, each.box)
     1 a.jpg Box(x0=10.0, y0=20.0, x1=110.0, y1=220.0)
     2 b.jpg None

@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 
 from nablahog.io.images import SAMPLE_NAMES
-from nablahog.paper.photographs import read_folder, sample_photographs
+from nablahog.io.photographs import read_folder, sample_photographs
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 

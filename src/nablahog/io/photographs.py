@@ -9,9 +9,9 @@ from pathlib import Path
 from torch import Tensor
 
 from ..hog.gradient import gray
-from ..io.files import check_folder
-from ..io.images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
 from ..runtime.text import unicode_of
+from .files import check_folder
+from .images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
 
 
 @dataclass

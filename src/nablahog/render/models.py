@@ -1,0 +1,144 @@
+"""CAD models by name: those in folders, such as PASCAL3D+'s ``CAD/chair``, and in archives of meshes."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from ..io.files import check_folder
+from ..runtime.text import unicode_of
+from .mesh import Mesh, load_mesh, load_meshes
+from .mesh_file import ENDINGS
+
+DEEPEST = 4  # folders below the one that is named
+CACHED = 1024  # meshes: reading one takes longer than many searches
+_ARCHIVE = ".npz"
+_BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
+
+
+@dataclass(frozen=True)
+class Model:
+    """A CAD model, whose mesh is read only in the process that needs it.
+
+    Attributes:
+        name: unique among the models of a run.
+        file: of its mesh, or an archive of meshes that has one of this name.
+        up, front: axes of the file, as :func:`~nablahog.load_mesh` takes them.
+    """
+
+    name: str
+    file: Path
+    up: str | None = None
+    front: str | None = None
+
+    def mesh(self, file: Path | None = None) -> Mesh:
+        """Reads the mesh, once in this process while its file does not change.
+
+        Args:
+            file: the copy of its file on this machine; None for the file itself.
+
+        Raises:
+            OSError, ValueError: as :func:`~nablahog.load_mesh`.
+        """
+        file = file or self.file
+        state = file.stat()
+        return _read_mesh(self, file, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(CACHED)
+def _read_mesh(model: Model, file: Path, changed: int, size: int) -> Mesh:
+    if file.suffix.lower() != _ARCHIVE:
+        return load_mesh(file, up=model.up, front=model.front)
+    meshes = load_meshes(file)
+    if model.name not in meshes:
+        raise ValueError(f"{file}: expected a mesh archive that has {model.name}")
+    return meshes[model.name]
+
+
+def archived_models(path: Path) -> list[Model]:
+    """Lists the models in an archive of meshes; raises what :func:`.mesh.load_meshes` does."""
+    return [Model(name, path) for name in load_meshes(path)]
+
+
+def read_models(
+    folder: str | os.PathLike[str], *, up: str | None = None, front: str | None = None
+) -> tuple[list[Model], list[str]]:
+    """Lists the models in a folder and below, as in ShapeNet's ``SYNSET/MODEL/models/model_normalized.obj``.
+
+    A model's name is its path in the folder without the ending, or with it where two would have the same.  Hidden files
+    and folders are skipped.  No mesh is read yet.
+
+    Args:
+        folder: the folder.
+        up, front: axes of all files, as :func:`~nablahog.load_mesh` takes them.
+
+    Returns:
+        The models, sorted by name, and the names of other files, without those of materials and textures.
+
+    Raises:
+        FileNotFoundError, NotADirectoryError: there is no such folder.
+        ValueError: it holds no model.
+
+    >>> from pathlib import Path
+    >>> Path("chairs").mkdir()
+    >>> _ = Path("chairs/stool.off").write_text("OFF\\n3 1 0\\n0 0 0\\n1 0 0\\n0 0 1\\n3 0 1 2\\n")
+    >>> models, others = nablahog.render.models.read_models("chairs")
+    >>> [(model.name, len(model.mesh().faces)) for model in models], others
+    ([('stool', 1)], [])
+    """
+    folder = Path(folder)
+    check_folder(folder, "CAD models")
+    entries = list(_files_below(folder, DEEPEST))
+    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS)
+    if not files:
+        expected = f"{', '.join(ENDINGS)}, up to {DEEPEST} folders down"
+        raise ValueError(f"{folder}: expected a folder of CAD models ({expected}), but it holds none")
+    whole = {path: _name(path.relative_to(folder)) for path in files}
+    short = {path: _name(path.relative_to(folder).with_suffix("")) for path in files}
+    count = Counter(short.values())
+    paths = {short[path] if count[short[path]] == 1 else whole[path]: path for path in files}
+    ignored = [entry for entry in entries if entry not in whole and entry.suffix.lower() not in _BESIDE]
+    models = [Model(name, path, up, front) for name, path in sorted(paths.items())]
+    return models, sorted(_name(entry.relative_to(folder)) for entry in ignored)
+
+
+def _files_below(folder: Path, depth: int) -> Iterator[Path]:
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            if depth and not entry.name.startswith("."):
+                yield from _files_below(entry, depth - 1)
+        elif not entry.name.startswith("."):
+            yield entry
+
+
+def _name(path: Path) -> str:
+    return unicode_of(path.as_posix())
+
+
+def check_models(
+    models: Sequence[Model], progress: Callable[[int, int, str], None] = lambda done, total, what: None
+) -> tuple[list[Model], dict[str, str]]:
+    """Reads all models once, so that a damaged one is reported before the work.
+
+    Returns:
+        Those that can be read, and why others cannot, by their names.
+
+    Raises:
+        ValueError: none can be read.
+    """
+    failed = {}
+    for number, model in enumerate(models, 1):
+        try:
+            model.mesh()
+        except (OSError, ValueError) as error:
+            failed[model.name] = str(error).removeprefix(f"{model.file}: ")
+        progress(number, len(models), f"reading {model.name}")
+    readable = [model for model in models if model.name not in failed]
+    if not readable:
+        first = "no model can be read; the first: " if len(models) > 1 else ""
+        raise ValueError(f"{first}{models[0].file}: {failed[models[0].name]}")
+    return readable, failed
