@@ -29,7 +29,7 @@ from nablahog import PoseEstimate, estimate_pose
 from nablahog.hog.box import Box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, rotation_error, same_view
-from nablahog.paper.annotations import AnnotatedObject, read_viewpoints, sample_viewpoints
+from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import rendered
 from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
 from nablahog.render.mesh import load_meshes
@@ -48,7 +48,7 @@ def objects(
     unknown_model: bool = False,
     seed: int = 0,
     condition: str = "",
-) -> list[AnnotatedObject]:
+) -> list[Example]:
     """So many scenes of the models of a folder, or of chairs that ship, from the viewpoints of a file, or random."""
     chairs = archived_models(CHAIRS) if models is None else check_models(read_models(models)[0])[0]
     angles = (
@@ -71,7 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
 
 
-def objects_of(options: argparse.Namespace, condition: str = "") -> list[AnnotatedObject]:
+def objects_of(options: argparse.Namespace, condition: str = "") -> list[Example]:
     """The objects that the options of :func:`add_options` choose."""
     return objects(
         options.objects,
@@ -83,12 +83,12 @@ def objects_of(options: argparse.Namespace, condition: str = "") -> list[Annotat
     )
 
 
-def estimate(example: AnnotatedObject, choices: dict[str, Any]) -> PoseEstimate:
+def estimate(example: Example, choices: dict[str, Any]) -> PoseEstimate:
     models = {model.name: model.mesh() for model in example.candidates}
     return estimate_pose(example.image, models, box=example.box, **{"initial": example.initial, **choices})
 
 
-def seconds_of(example: AnnotatedObject, choices: dict[str, Any]) -> float:
+def seconds_of(example: Example, choices: dict[str, Any]) -> float:
     """Processor seconds of the second of two searches; the first prepares the models."""
     estimate(example, choices)
     start = time.process_time()
@@ -96,7 +96,7 @@ def seconds_of(example: AnnotatedObject, choices: dict[str, Any]) -> float:
     return time.process_time() - start
 
 
-def timed(examples: Iterable[AnnotatedObject], choices: dict[str, Any]) -> tuple[list[PoseEstimate], Summary]:
+def timed(examples: Iterable[Example], choices: dict[str, Any]) -> tuple[list[PoseEstimate], Summary]:
     """The results, and a summary of the seconds of the processor."""
     results, seconds = [], []
     for example in examples:
@@ -110,7 +110,7 @@ def spread(seconds: Summary) -> str:
     return f"{digits(seconds['median'])} ({digits(seconds['q1'])}…{digits(seconds['q3'])})"
 
 
-def row(name: str, examples: list[AnnotatedObject], choices: dict[str, Any]) -> list[str]:
+def row(name: str, examples: list[Example], choices: dict[str, Any]) -> list[str]:
     """The table's row of a search on objects."""
     first = timed(examples, choices)[1]
     results, seconds = timed(examples, choices)
@@ -141,7 +141,7 @@ def by_height(heights: list[int], count: int, seed: int) -> str:
     return table(["pixels", "median rotation error", f"within {WITHIN:g}°, %"], rows)
 
 
-def jittered(examples: list[AnnotatedObject], shares: list[float], seed: int) -> str:
+def jittered(examples: list[Example], shares: list[float], seed: int) -> str:
     """How often five boxes that are a little off lead to one answer."""
     rows = []
     for share in shares:
@@ -163,7 +163,7 @@ def jittered(examples: list[AnnotatedObject], shares: list[float], seed: int) ->
     return table(["boxes off by up to", "one answer", "all right"], rows)
 
 
-def growth(examples: list[AnnotatedObject], methods: list[str]) -> str:
+def growth(examples: list[Example], methods: list[str]) -> str:
     """Time by the number of models, doubled each time."""
     rows, count = [], 1
     while count <= len(examples[0].candidates):

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from nablahog.hog.box import Box
-from nablahog.paper.annotations import AnnotatedObject
+from nablahog.paper.annotations import Example
 from nablahog.paper.examples import Examples
 from nablahog.paper.methods import Method, MethodOutput, Table1Settings
 from nablahog.paper.names import DALAL, UOCTTI
@@ -82,7 +82,7 @@ def examples(azimuths: Sequence[float], *, size: int = 16, prefix: str = "") -> 
         image[0, 0, 1] = len(prefix) / 100
         box, initial = Box(0.0, 0.0, float(size), float(size)), (90.0 * number, 15.0)
         name = f"{prefix}{number}"
-        objects.append(AnnotatedObject(name, image, box, azimuth, 20.0, 1.0, "chair-01", initial, MODELS))
+        objects.append(Example(name, image, box, azimuth, 20.0, 1.0, "chair-01", initial, MODELS))
     return Examples(objects, "Made up.")
 
 

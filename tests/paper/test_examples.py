@@ -10,7 +10,7 @@ import torch
 
 from nablahog.hog.box import Box
 from nablahog.paper import names
-from nablahog.paper.annotations import AnnotatedObject
+from nablahog.paper.annotations import Example
 from nablahog.paper.examples import CONDITIONS, PLAIN, Examples, photographed, rendered
 from nablahog.paper.scenes import CHAIRS, scene
 from nablahog.render.models import Model, archived_models
@@ -23,7 +23,7 @@ BOX = Box(10.0, 20.0, 60.0, 80.0)
 
 def _photographed(*models: str | None, unknown_model: bool = False, seed: int = 0, condition: str = "") -> Examples:
     image = torch.full((3, 100, 120), 0.5)
-    objects = [AnnotatedObject(f"a#{k}", image, BOX, 10.0 * k, 5.0, 2.0, model) for k, model in enumerate(models)]
+    objects = [Example(f"a#{k}", image, BOX, 10.0 * k, 5.0, 2.0, model) for k, model in enumerate(models)]
     options = {"origin": "Mine.", "unknown_model": unknown_model, "seed": seed, "condition": condition}
     return photographed(objects, CADS, **options, failed={"b": "no image"})  # type: ignore[arg-type]
 
@@ -94,11 +94,11 @@ def test_the_same_scenes_by_other_models_and_without_a_box() -> None:
 COUNT = 5
 
 
-def _made(name: str, index: int = 0, seed: int = 0) -> AnnotatedObject:
+def _made(name: str, index: int = 0, seed: int = 0) -> Example:
     return CONDITIONS[name].scene(index, MODELS, VIEWS, [RAMP, NOISE], seed=seed)
 
 
-def _pose(one: AnnotatedObject) -> tuple[float, ...]:
+def _pose(one: Example) -> tuple[float, ...]:
     return one.azimuth, one.elevation, one.theta
 
 
@@ -168,7 +168,7 @@ def test_conditions_of_photographs() -> None:
     """What changes only the box is there for photographs, too."""
     suited = {name for name, condition in CONDITIONS.items() if condition.of_photographs}
     assert suited == {"exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box"}
-    original = AnnotatedObject("a", torch.rand(1, 100, 120), Box(20.0, 10.0, 80.0, 90.0), 0, 0, 0, None, (10.0, 5.0))
+    original = Example("a", torch.rand(1, 100, 120), Box(20.0, 10.0, 80.0, 90.0), 0, 0, 0, None, (10.0, 5.0))
     one, same, other = (CONDITIONS["sides-10"].applied(original, 0, index) for index in (0, 0, 1))
     assert one.box == same.box != other.box
     assert one.image is original.image

@@ -19,7 +19,7 @@ from .input_file import input_file
 
 MAX_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
-_VIEW = ("azimuth", "elevation")
+ANGLES = ("azimuth", "elevation", "theta")
 _OTHER_NAMES = dict(zip(("xmin", "ymin", "xmax", "ymax"), SIDES, strict=True))  # as in PASCAL VOC
 
 
@@ -117,30 +117,34 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
 
 
 @dataclass(frozen=True)
-class ListedObject:
-    """An object in a photograph.
+class AnnotatedObject:
+    """What a list says about an object in a photograph.
 
     Attributes:
         id: of the object in its list, unique.
         image: the file of the photograph, relative to the folder of all.
         box: of the object, pixels; None if unknown.
-        initial: its rough azimuth and elevation, degrees; None if unknown.
+        view: its azimuth and elevation, degrees; None if unknown.
+        theta: its rotation in the image, degrees; None if unknown.
+        model: the name of its CAD model, or of the one most like it; None if unknown.
     """
 
     id: int
     image: str
     box: Box | None = None
-    initial: tuple[float, float] | None = None
+    view: tuple[float, float] | None = None
+    theta: float | None = None
+    model: str | None = None
 
 
-def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
+def read_objects(path: str | os.PathLike[str]) -> list[AnnotatedObject]:
     """The objects that a file lists, in its order.
 
     A CSV file has a line of column names and then a line for each object: ``image``, and where they are known ``x0``,
-    ``y0``, ``x1``, ``y1`` (or ``xmin``, ``ymin``, ``xmax``, ``ymax``), and ``azimuth`` and ``elevation``.  Other
-    columns are not read; objects are numbered from 1.  A JSON file is like those of COCO: ``images`` with ``id`` and
-    ``file_name``, ``annotations`` with ``id``, ``image_id``, ``bbox`` (x, y, width, height) and perhaps ``azimuth`` and
-    ``elevation``.
+    ``y0``, ``x1``, ``y1`` (or ``xmin``, ``ymin``, ``xmax``, ``ymax``), ``azimuth`` and ``elevation``, ``theta``, and
+    ``model``.  Other columns are not read; objects are numbered from 1.  A JSON file is like those of COCO: ``images``
+    with ``id`` and ``file_name``, ``annotations`` with ``id``, ``image_id``, ``bbox`` (x, y, width, height) and perhaps
+    angles and ``model``.
 
     Args:
         path: the file, in UTF-8.
@@ -162,21 +166,21 @@ def read_objects(path: str | os.PathLike[str]) -> list[ListedObject]:
     if ending not in (".csv", ".json"):
         input_file(path).check("a CSV or JSON file")
         raise ValueError(f"{path}: expected a list of objects (.csv, .json), got the ending {path.suffix!r}")
-    return _of_csv(path) if ending == ".csv" else _of_json(path)
+    return _read_csv_objects(path) if ending == ".csv" else _read_json_objects(path)
 
 
-def _of_csv(path: Path) -> list[ListedObject]:
+def _read_csv_objects(path: Path) -> list[AnnotatedObject]:
     rows = read_csv(path, ("image",))
-    for group in (SIDES, _VIEW):
+    for group in (SIDES, ANGLES[:2]):
         missing = [name for name in group if name not in rows[0].values]
         if missing and len(missing) < len(group):
             raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
     if SIDES[0] not in rows[0].values and {"width", "height", "w", "h", "bbox", "x2", "right"} & rows[0].values.keys():
         raise ValueError(f"{path}: expected boxes in the columns {', '.join(SIDES)}, got {', '.join(rows[0].values)}")
-    return [_listed_object(number, row, unguarded(row.text("image"))) for number, row in enumerate(rows, 1)]
+    return [read_object(number, row, _inside(row, unguarded(row.text("image")))) for number, row in enumerate(rows, 1)]
 
 
-def _of_json(path: Path) -> list[ListedObject]:
+def _read_json_objects(path: Path) -> list[AnnotatedObject]:
     data = read_list(path, "a JSON file")
     try:
         whole = json.loads(data)
@@ -186,14 +190,14 @@ def _of_json(path: Path) -> list[ListedObject]:
     if not isinstance(images, list) or not isinstance(annotations, list) or not annotations:
         raise ValueError(f"{path}: expected an object with the lists images and annotations, as COCO has them")
     names = {_id(row, "id"): row.values.get("file_name") for row in _entries(path, "images", images)}
-    objects: dict[int, ListedObject] = {}
+    objects: dict[int, AnnotatedObject] = {}
     for row in _entries(path, "annotations", annotations):
         number, image = _id(row, "id"), _id(row, "image_id")
         if image not in names:
             raise row.error("image_id", f"expected the id of one of the images, got {image}")
         if number in objects:
             raise row.error("id", f"expected a different id for each object, got {number} twice")
-        objects[number] = _listed_object(number, row, names[image])
+        objects[number] = read_object(number, row, _inside(row, names[image]))
     return list(objects.values())
 
 
@@ -211,12 +215,17 @@ def _id(row: Row, key: str) -> int:
     return value
 
 
-def _listed_object(number: int, row: Row, image: object) -> ListedObject:
-    """The object of a row of either format."""
+def _inside(row: Row, image: object) -> str:
+    """The name of a file in the folder of photographs, or below: others are refused."""
     name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")
+    return name
+
+
+def read_object(number: int, row: Row, image: str) -> AnnotatedObject:
+    """The object of a row of either format, in the file ``image``; ValueError, with the row, if a value is wrong."""
     sides = row.numbers(SIDES, "pixels")
     if "bbox" in row.values:
         corner = row.values["bbox"]
@@ -228,7 +237,9 @@ def _listed_object(number: int, row: Row, image: object) -> ListedObject:
     box = None if sides is None else Box.of(sides)
     if box is not None and not (box.width > 0 and box.height > 0):
         raise ValueError(f"{row.where}: expected a box with sides above 0, got {tuple(box)}")
-    view = row.numbers(_VIEW, "degrees")
+    view = row.numbers(ANGLES[:2], "degrees")
     if view is not None and abs(view[1]) > 90:
         raise row.error("elevation", f"expected degrees in -90…90, got {view[1]:g}")
-    return ListedObject(number, name, box, None if view is None else (view[0], view[1]))
+    (theta,) = row.numbers(ANGLES[2:], "degrees") or (None,)
+    angles = None if view is None else (view[0], view[1])
+    return AnnotatedObject(number, image, box, angles, theta, row.text("model") or None)

@@ -14,20 +14,19 @@ from torch.nn import functional
 
 from ..hog.box import Box
 from ..io.images import read_image
-from ..io.lists import SIDES, Row, read_csv
+from ..io.lists import ANGLES, SIDES, AnnotatedObject, Row, read_csv, read_object
 from ..render.models import Model
 from ..runtime.text import one_line
 
 Floats = NDArray[np.float64]
-ANGLES = ("azimuth", "elevation", "theta")
 LEAST = 8  # pixels of a side of a box
 LONGEST = 256  # pixels of the longer side of a box: twice what a search looks at
 BEYOND = 1.0  # pixels that a box may reach out of the image, by rounding
 
 
 @dataclass(frozen=True, eq=False)
-class AnnotatedObject:
-    """An object in an image, with its true viewpoint and what a search for its pose is given.
+class Example:
+    """An example of Table 2: an object in an image, with its true viewpoint and what a search for its pose is given.
 
     Attributes:
         name: unique.
@@ -52,7 +51,7 @@ class AnnotatedObject:
 
 def read_annotations(
     path: str | os.PathLike[str], models: Collection[str] | None = None, limit: int | None = None
-) -> list[AnnotatedObject]:
+) -> list[Example]:
     """Reads the objects in a CSV file.
 
     Args:
@@ -82,17 +81,18 @@ def read_annotations(
     ('a.png#1', torch.Size([1, 120, 160]), (10.0, 0.0, 110.0, 120.0), 317.5, None)
     """
     rows = read_csv(path, ("image", *SIDES, *ANGLES))[:limit]
-    objects: list[AnnotatedObject] = []
+    examples: list[Example] = []
     opened: dict[str, Tensor] = {}
     for number, row in enumerate(rows, 1):
-        name, model = row.text("image"), row.text("model") or None
+        annotated = read_object(number, row, row.text("image"))
+        name, model = annotated.image, annotated.model
         if model is not None and models is not None and model not in models:
             some = ", ".join([*sorted(models)[:5], *(["…"] if len(models) > 5 else [])])
             raise row.error("model", f"expected one of {some}, got {one_line(repr(model), 60)}")
         if name not in opened:  # the row before is often of the same photograph
             opened = {name: _image(row, Path(path).parent)}
-        objects.append(_object(row, f"{name}#{number}", opened[name], model))
-    return objects
+        examples.append(_example(row, annotated, opened[name]))
+    return examples
 
 
 def _image(row: Row, folder: Path) -> Tensor:
@@ -104,19 +104,20 @@ def _image(row: Row, folder: Path) -> Tensor:
         raise row.error("image", one_line(error)) from None
 
 
-def _object(row: Row, name: str, image: Tensor, model: str | None) -> AnnotatedObject:
-    box = _box(row, *image.shape[1:])
-    azimuth, elevation, theta = (row.number(column, "degrees") for column in ANGLES)
-    if abs(elevation) > 90:
-        raise row.error("elevation", f"expected -90…90 degrees, got {elevation:g}")
+def _example(row: Row, annotated: AnnotatedObject, image: Tensor) -> Example:
+    if annotated.view is None or annotated.theta is None:
+        raise row.error("theta", f"expected numbers in the columns {', '.join(ANGLES)}, got none")
+    box, (azimuth, elevation) = _box(row, annotated.box, *image.shape[1:]), annotated.view
     small, scale = _shrunk(image, LONGEST / max(box.width, box.height))
     inside = Box.of(side * scale[k % 2] for k, side in enumerate(box))
-    return AnnotatedObject(name, small, inside, azimuth % 360, elevation, theta, model)
+    name = f"{annotated.image}#{annotated.id}"
+    return Example(name, small, inside, azimuth % 360, elevation, annotated.theta, annotated.model)
 
 
-def _box(row: Row, height: int, width: int) -> Box:
+def _box(row: Row, box: Box | None, height: int, width: int) -> Box:
     """The box, cut to the image, which it may leave by a rounding."""
-    box = Box.of(row.number(column, "pixels") for column in SIDES)
+    if box is None:
+        raise row.error("x0", "expected a box, got none")
     if min(box.width, box.height) < LEAST:
         raise row.error("x1", f"expected a box of at least {LEAST}x{LEAST} pixels, got {tuple(box)}")
     if min(box.x0, box.y0) < -BEYOND or box.x1 > width + BEYOND or box.y1 > height + BEYOND:

@@ -17,7 +17,7 @@ from ..io.images import Picture
 from ..render import Mesh
 from ..render.models import Model
 from ..runtime.text import counted
-from .annotations import AnnotatedObject
+from .annotations import Example
 from .scenes import SceneSettings, scene
 
 Generator: TypeAlias = np.random.Generator
@@ -26,10 +26,10 @@ Floats: TypeAlias = NDArray[np.float64]
 _EXACT = SceneSettings(box_jitter=0)
 _OUTWARDS = np.array([-1, -1, 1, 1])
 
-Change: TypeAlias = Callable[[AnnotatedObject, Generator], AnnotatedObject]
+Change: TypeAlias = Callable[[Example, Generator], Example]
 
 
-def _unchanged(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+def _unchanged(one: Example, generator: Generator) -> Example:
     return one
 
 
@@ -45,9 +45,9 @@ class Condition:
         settings: of the scenes.
 
     >>> from nablahog.hog.box import Box
-    >>> from nablahog.paper.annotations import AnnotatedObject
+    >>> from nablahog.paper.annotations import Example
     >>> from nablahog.paper.examples import CONDITIONS
-    >>> one = AnnotatedObject("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
+    >>> one = Example("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
     >>> tuple(map(float, CONDITIONS["larger-20"].applied(one, seed=0, index=0).box))
     (10.0, 0.0, 130.0, 120.0)
     """
@@ -63,7 +63,7 @@ class Condition:
         """Whether only the box or the initial pose changes, so that photographs have it as well as scenes."""
         return self.viewpoint is None and self.settings is _EXACT
 
-    def applied(self, one: AnnotatedObject, seed: int, index: int) -> AnnotatedObject:
+    def applied(self, one: Example, seed: int, index: int) -> Example:
         """The object number ``index`` under this condition."""
         return self._changed(one, _generator(seed, index))
 
@@ -75,7 +75,7 @@ class Condition:
         photographs: Sequence[Picture],
         *,
         seed: int = 0,
-    ) -> AnnotatedObject:
+    ) -> Example:
         """The scene number ``index`` under this condition; arguments and errors are those of :func:`.scenes.scene`.
 
         The same number has the same model, viewpoint and background in all conditions that do not change these.
@@ -86,7 +86,7 @@ class Condition:
         made = scene(index, models, viewpoints, photographs, seed=seed, settings=self.settings)
         return self._changed(made.annotated(f"{index:04d}"), generator)
 
-    def _changed(self, one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+    def _changed(self, one: Example, generator: Generator) -> Example:
         return self.change(one if self.has_initial else replace(one, initial=None), generator)
 
 
@@ -97,7 +97,7 @@ def _generator(seed: int, index: int) -> Generator:
 def _moved(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
     """A change that moves the sides of a box to the right and downwards by shares of its width and height."""
 
-    def change(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+    def change(one: Example, generator: Generator) -> Example:
         assert one.box is not None
         by = sides(generator) * np.tile([one.box.width, one.box.height], 2)
         return replace(one, box=Box.of(np.array(one.box) + by))
@@ -113,7 +113,7 @@ def _cut(share: float) -> Change:
     return _moved(lambda generator: -share * _OUTWARDS * np.eye(4)[int(generator.integers(4))])
 
 
-def _no_box(one: AnnotatedObject, generator: Generator) -> AnnotatedObject:
+def _no_box(one: Example, generator: Generator) -> Example:
     return replace(one, box=None)
 
 
@@ -157,13 +157,13 @@ PLAIN = Condition("The scenes of the table itself, with slightly jittered boxes.
 class Examples:
     """Objects to estimate the pose of; where they are from, in whole sentences; why images failed, by their names."""
 
-    objects: list[AnnotatedObject]
+    objects: list[Example]
     origin: str
     failed: Mapping[str, str] = field(default_factory=dict)
 
 
 def photographed(
-    objects: Sequence[AnnotatedObject],
+    objects: Sequence[Example],
     models: Sequence[Model],
     *,
     origin: str,

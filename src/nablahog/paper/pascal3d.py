@@ -22,7 +22,7 @@ from ..hog.box import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
 from ..runtime.text import counted, one_line
-from .annotations import AnnotatedObject
+from .annotations import Example
 from .voc import check_voc, half_open, read_annotation, read_image_ids
 
 SHORTEST = 100  # pixels of the shortest side of an object's picture (the paper, Section 3.2, Setup)
@@ -57,7 +57,7 @@ class Selection:
         failed: why the files of an image could not be read, by its name.
     """
 
-    objects: list[AnnotatedObject] = field(default_factory=list)
+    objects: list[Example] = field(default_factory=list)
     coarse: set[str] = field(default_factory=set)
     left_out: Counter[str] = field(default_factory=Counter)
     failed: dict[str, str] = field(default_factory=dict)
@@ -183,7 +183,7 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
         annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
         numbered = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
         usable = [(number, each) for number, each in numbered if each.flaw is None]
-        objects: list[AnnotatedObject] = []
+        objects: list[Example] = []
         if usable:  # the other photographs need not be read
             photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
             candidates = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
@@ -195,7 +195,7 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
                 picture = cut_out(photograph, each.box)
                 whole = Box(0.0, 0.0, float(picture.shape[2]), float(picture.shape[1]))
                 name = f"{image_id}#{number}"
-                objects.append(AnnotatedObject(name, picture, whole, *record.viewpoint, model))
+                objects.append(Example(name, picture, whole, *record.viewpoint, model))
                 if record.coarse:
                     result.coarse.add(name)
     except (OSError, ValueError) as error:

@@ -21,7 +21,7 @@ from ..hog.gradient import GRAY_WEIGHTS
 from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
-from .annotations import AnnotatedObject
+from .annotations import Example
 from .looks import compressed, relit
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -125,11 +125,11 @@ class Scene:
     camera: Camera
     initial: Tensor
 
-    def annotated(self, name: str) -> AnnotatedObject:
+    def annotated(self, name: str) -> Example:
         """The object of that name with its true viewpoint, and the azimuth and elevation to start from."""
         azimuth, elevation, _, theta, _, _ = self.pose.tolist()
         initial = float(self.initial[0]), float(self.initial[1])
-        return AnnotatedObject(name, self.image, self.box, azimuth, elevation, theta, self.model, initial)
+        return Example(name, self.image, self.box, azimuth, elevation, theta, self.model, initial)
 
 
 def scene(

@@ -20,7 +20,7 @@ from ..jobs.worker import local_path
 from ..metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view
 from ..render.models import Model
 from ..runtime.cache import code_key
-from .annotations import AnnotatedObject
+from .annotations import Example
 from .examples import Examples
 from .names import POSE_PUBLISHED
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
@@ -129,7 +129,7 @@ class Table2(Results):
         """The table of one of the conditions."""
         return replace(self, examples=self.conditions[condition], conditions={})
 
-    def all_objects(self) -> Iterator[AnnotatedObject]:
+    def all_objects(self) -> Iterator[Example]:
         """The objects of the table and of all conditions."""
         for examples in (self.examples, *self.conditions.values()):
             yield from examples.objects
@@ -166,12 +166,12 @@ class Table2(Results):
         )
 
 
-def error_of_azimuth(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> float:
+def error_of_azimuth(pose: Mapping[str, Any] | None, one: Example) -> float:
     """Degrees by which the azimuth of a method's figures is off; :data:`NO_POSE` without figures."""
     return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], one.azimuth))
 
 
-def error_of_rotation(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> float:
+def error_of_rotation(pose: Mapping[str, Any] | None, one: Example) -> float:
     """Degrees by which the whole rotation of a method's figures is off; :data:`NO_POSE` without figures."""
     if pose is None:
         return NO_POSE
@@ -179,7 +179,7 @@ def error_of_rotation(pose: Mapping[str, Any] | None, one: AnnotatedObject) -> f
     return float(rotation_error([pose["azimuth"], pose["elevation"], pose["theta"]], truth))
 
 
-def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, one: AnnotatedObject) -> bool:
+def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, one: Example) -> bool:
     return pose is not None and bool(CRITERIA[criterion](pose["azimuth"], one.azimuth, views))
 
 

@@ -8,7 +8,7 @@ from ..metrics import VIEWS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
-from .annotations import AnnotatedObject
+from .annotations import Example
 from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
 from .table2 import NO_POSE, WITHIN, Line, Table2
@@ -172,7 +172,7 @@ def _pictures(table: Table2) -> html.Section:
     return html.Section("Pictures", text, table=[{"method": "test images", **images}, *rows] if shown else [])
 
 
-def _pose(table: Table2, method: str, one: AnnotatedObject) -> html.Cell | None:
+def _pose(table: Table2, method: str, one: Example) -> html.Cell | None:
     pose, silhouette = table.figures[method].get(one.name), table.pictures[method].get(one.name)
     if pose is None or silhouette is None:
         return None

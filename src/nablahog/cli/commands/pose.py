@@ -14,7 +14,7 @@ import numpy as np
 from ...hog.box import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import read_exif_focal, read_image
-from ...io.lists import ListedObject, read_objects
+from ...io.lists import AnnotatedObject, read_objects
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
@@ -48,7 +48,7 @@ def pose(arguments: Namespace) -> int:
     """
     request = request_of(PoseRequest, arguments)
     objects, photos = _objects(arguments)
-    if request.within < 180 and all(one.initial is None for one in objects):
+    if request.within < 180 and all(one.view is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
     models, ignored = _models(request)
     folder = Path(arguments.output)
@@ -88,7 +88,7 @@ def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobR
         return [missing[k] if k in missing else done[k] for k in range(len(jobs))]
 
 
-def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
+def _objects(arguments: Namespace) -> tuple[list[AnnotatedObject], list[Path]]:
     """What is known about the objects, and their photographs."""
     photo = Path(arguments.photo)
     if arguments.annotations is None:
@@ -97,7 +97,7 @@ def _objects(arguments: Namespace) -> tuple[list[ListedObject], list[Path]]:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
-        objects = [ListedObject(k, unicode_of(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
+        objects = [AnnotatedObject(k, unicode_of(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.initial is not None or arguments.mask is not None:
         raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
@@ -155,7 +155,7 @@ def _named(one: PosedObject) -> str:
 class ObjectJob:
     """The search for the pose of an object in a photograph."""
 
-    listed: ListedObject
+    listed: AnnotatedObject
     photo: Path
     request: PoseRequest
     models: tuple[Model, ...]
@@ -204,7 +204,7 @@ class ObjectJob:
 
     def _whole(self) -> PoseRequest:
         """The request, with what is known about the object."""
-        box, initial = self.listed.box, self.listed.initial
+        box, initial = self.listed.box, self.listed.view
         within = 180.0 if initial is None else self.request.within
         return replace(self.request, box=None if box is None else (*box,), initial=initial, within=within)
 

@@ -15,7 +15,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...io.files import write_text
-from ...io.lists import ListedObject
+from ...io.lists import AnnotatedObject
 from ...jobs.store import JobResult
 from ...runtime.text import guarded
 from ...viz import html
@@ -64,7 +64,7 @@ class PosedObject:
     ``page`` is HTML, if pages were asked for; ``refused`` is a pose that is less sure than was asked for.
     """
 
-    listed: ListedObject
+    listed: AnnotatedObject
     figures: Mapping[str, Any] = field(default_factory=dict)
     picture: NDArray[Any] | None = None
     page: str | None = None
@@ -72,7 +72,7 @@ class PosedObject:
     refused: bool = False
 
     @classmethod
-    def of(cls, listed: ListedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
+    def of(cls, listed: AnnotatedObject, result: JobResult | str, least_confidence: float) -> PosedObject:
         """Combines an object with the result of its :class:`.pose.ObjectJob`."""
         if isinstance(result, str):
             return cls(listed, failure=result)
@@ -82,12 +82,12 @@ class PosedObject:
         return cls(listed, figures, result.pictures[0], page, refused=refused)
 
 
-def names(objects: Sequence[ListedObject], pages: bool) -> list[str]:
+def names(objects: Sequence[AnnotatedObject], pages: bool) -> list[str]:
     """The names of the files that :func:`write` leaves."""
     return ["poses.csv", "poses.json", "index.html", *(_page_name(posed) for posed in objects if pages)]
 
 
-def _page_name(posed: ListedObject) -> str:
+def _page_name(posed: AnnotatedObject) -> str:
     return f"object_{posed.id}.html"
 
 
