@@ -54,10 +54,10 @@ def summary(name: str) -> str:
 
 
 def choices() -> str:
-    """What each preset computes, and what it is compared with."""
+    """What each preset computes, and how many outputs of the original it is compared with."""
     count = Counter(case.preset for peer in PEERS for case in cases(peer))
-    rows = [(f"`{name}`", summary(name), f"{count[name]} stored outputs" if count[name] else "–") for name in SPECS]
-    return table(("preset", "computes", "compared with"), *rows)
+    rows = [(f"`{name}`", summary(name), str(count[name] or "–")) for name in SPECS]
+    return table(("preset", "computes", "stored outputs"), *rows)
 
 
 def counts() -> str:

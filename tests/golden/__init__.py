@@ -92,5 +92,5 @@ def cases(peer: str) -> list[Case]:
     return found
 
 
-PEERS = tuple(sorted(path.stem for path in FOLDER.glob("*.npz") if "layout" in archive(path.stem)))
+PEERS = tuple(sorted(path.stem for path in FOLDER.glob("*.npz") if "output_0" in archive(path.stem)))
 """The programs whose descriptors are stored, by the names of their files."""
