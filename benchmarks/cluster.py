@@ -28,7 +28,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from nablahog.jobs.cluster import run_on_cluster
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import Work
@@ -126,7 +125,8 @@ def main() -> None:
     for workers in options.workers:
         for seconds in options.seconds:
             ours, _ = efficiency(partial(run_jobs, workers=workers), seconds, workers, options.time)
-            dask, _ = efficiency(partial(run_on_cluster, cluster=f"local:{workers}"), seconds, workers, options.time)
+            on_dask = partial(run_jobs, workers=workers, cluster=f"local:{workers}")
+            dask, _ = efficiency(on_dask, seconds, workers, options.time)
             rows.append([f"{seconds:g}", str(workers), f"{ours:.3f}", f"{dask:.3f}"])
     print(table(["seconds of a job", "workers", "processes", "Dask"], rows), flush=True)
     rows = []
@@ -134,7 +134,8 @@ def main() -> None:
         with scheduler(workers) as (file, pid):
             for seconds in (0.5, 2.0, 5.0):
                 before = processor_seconds(pid), time.process_time()
-                share, count = efficiency(partial(run_on_cluster, cluster=file), seconds, workers, options.time, True)
+                run = partial(run_jobs, workers=workers, cluster=file)
+                share, count = efficiency(run, seconds, workers, options.time, True)
                 used = processor_seconds(pid) - before[0], time.process_time() - before[1]
                 each = (f"{1000 * spent / count:.2f}" for spent in used)
                 rows.append([str(workers), f"{seconds:g}", str(count), f"{share:.3f}", *each])

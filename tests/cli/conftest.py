@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -14,10 +14,8 @@ from nablahog.cli import terminal
 from nablahog.cli.arguments.parsers import KINDS
 from nablahog.cli.main import main
 from nablahog.cli.results import inversion
-from nablahog.jobs import runner
-from nablahog.jobs.store import Job, JobResult
-from nablahog.jobs.worker import attempt
 
+from ..paper.common import run_in_this_process
 from .common import CHELSEA
 
 
@@ -57,15 +55,7 @@ def descriptor(tmp_path: Path, photo: str) -> str:
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables are made in this process."""
-
-    def run(
-        jobs: Sequence[Job], *, workers: int, started: Callable[[int], None]
-    ) -> Iterator[tuple[int, JobResult | str]]:
-        for index, job in enumerate(jobs):
-            started(index)
-            yield index, attempt(job)
-
-    monkeypatch.setattr(runner, "run_jobs", run)
+    run_in_this_process(monkeypatch)
 
 
 @pytest.fixture

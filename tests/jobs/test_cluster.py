@@ -10,12 +10,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nablahog.jobs.cluster import run_on_cluster
+from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import DIED, attempt, local_path, store_files
 
@@ -35,6 +36,9 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("dask")
     with started(folder) as (address, _):
         yield address
+
+
+run_on_cluster = partial(run_jobs, workers=1)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nablahog import metrics
-from nablahog.jobs import runner
+from nablahog.jobs import processes
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import DIED, attempt, cores
@@ -91,7 +91,7 @@ def test_left_early() -> None:
 
 
 def test_workers_that_do_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "begin", sys.exit)
+    monkeypatch.setattr(processes, "begin", sys.exit)
     with pytest.raises(ChildProcessError, match="end before they have started"):
         dict(run_jobs([job(DARK)], workers=2))
     assert not multiprocessing.active_children()

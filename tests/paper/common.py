@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+import pytest
 import torch
 from skimage import data
 from torch import Tensor
@@ -15,7 +18,7 @@ from nablahog.invert.prior_network import Architecture
 from nablahog.invert.provenance import NetworkLearning
 from nablahog.io.learned_model import count_weights
 from nablahog.io.photographs import Photographs
-from nablahog.jobs.store import Job, JobResult
+from nablahog.jobs import runner
 from nablahog.jobs.worker import attempt
 from nablahog.paper.methods import Method, Table1Settings
 from nablahog.paper.table1 import ReconstructionJob, Table1, run_table1
@@ -44,13 +47,31 @@ def job(method: Method, **settings: object) -> ReconstructionJob:
     return ReconstructionJob(method, image().numpy(), Table1Settings(**settings))  # type: ignore[arg-type]
 
 
-def here(
-    jobs: Sequence[Job], *, workers: int, started: Callable[[int], None] = lambda index: None
-) -> Iterator[tuple[int, JobResult | str]]:
-    """Stands in for ``run_jobs`` where no process is needed; finishes in another order than it begins."""
-    for index in reversed(range(len(jobs))):
-        started(index)
-        yield index, attempt(jobs[index])
+class ThisProcess:
+    """An executor where no process is needed; jobs end in another order than they begin, each is given to ``begin``."""
+
+    def __init__(self, begin: Callable[[Any], None]) -> None:
+        self.begin, self.most = begin, math.inf
+        self.at_work: dict[int, Any] = {}
+
+    def has_room(self) -> bool:
+        return len(self.at_work) < self.most
+
+    def submit(self, index: int, job: Any, left: int) -> None:
+        self.begin(job)
+        self.at_work[index] = job
+
+    def next_outcome(self) -> tuple[int, Any]:
+        index, job = self.at_work.popitem()
+        return index, attempt(job)
+
+    def close(self) -> None:
+        pass
+
+
+def run_in_this_process(monkeypatch: pytest.MonkeyPatch, begin: Callable[[Any], None] = lambda job: None) -> None:
+    """Jobs are done in this process."""
+    monkeypatch.setattr(runner, "Processes", lambda workers: ThisProcess(begin))
 
 
 def made(folder: Path, of: Photographs, *methods: Method, seed: int = 0) -> Table1:

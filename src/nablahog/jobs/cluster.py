@@ -11,7 +11,7 @@ import logging
 import math
 import re
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,7 +26,6 @@ from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 from distributed.utils import silence_logging_cmgr
 
-from .executor import run_on
 from .worker import DIED, R, Work, attempt, cores, one_thread, store_files
 
 logger = logging.getLogger(__name__)
@@ -39,28 +38,25 @@ PLUGIN = "nablahog-files"
 LOST = (CommClosedError, FutureCancelledError, CancelledError)  # what Dask raises when its scheduler has gone
 
 
-def run_on_cluster(
-    jobs: Sequence[Work[R]], *, cluster: str, started: Callable[[int], None] = lambda index: None
-) -> Generator[tuple[int, R | str], None, None]:
-    """Does all jobs on a cluster, each in one thread; otherwise as :func:`.runner.run_jobs`.
+@contextmanager
+def open_cluster(cluster: str, jobs: Sequence[Work[R]]) -> Iterator[Tasks]:
+    """A cluster that is ready for jobs: its workers have the files that these read.
 
-    A cluster is ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
+    It is ``local`` or ``local:N``, N processes of this machine; the address of a scheduler, such as
     ``tcp://HOST:PORT``; or the JSON file that it wrote.
 
     Raises:
         ValueError: ``cluster`` is none of these.
         ChildProcessError: there is no such cluster, it has no workers, at first or later, or its scheduler is lost.
     """
-    if not jobs:
-        return
     with _connected(cluster) as client, _scheduler_errors():
         logger.info("the dashboard of the cluster: %s", client.dashboard_link)
         _prepare(client, jobs)
-        yield from run_on(_Tasks(client, cluster), jobs, started)
+        yield Tasks(client, cluster)
 
 
-class _Tasks:
-    """The tasks of a cluster.  Dask blames a worker's death also on tasks that were only queued there."""
+class Tasks:
+    """An :class:`.runner.Executor`.  Dask blames a worker's death also on tasks that were only queued there."""
 
     def __init__(self, client: Client, cluster: str) -> None:
         self.client, self.cluster = client, cluster

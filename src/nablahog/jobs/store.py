@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..io.files import remove_parts, replacing
-from .runner import run_anywhere
+from .runner import run_jobs
 from .worker import Work
 
 Name = TypeVar("Name", bound=Hashable)
@@ -98,7 +98,7 @@ def do_all(
     Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
     resumed; a run with other settings starts anew in the same folder.  ``progress`` is called with the number of jobs
     done, their total, and the names of the methods at work.  Further arguments and errors are those of
-    :func:`.runner.run_anywhere`.
+    :func:`.runner.run_jobs`.
 
     Raises:
         OSError: a result cannot be stored.
@@ -130,7 +130,8 @@ def _do_missing(
 
     reasons = {}
     report()
-    with closing(run_anywhere([jobs[path] for path in missing], workers, cluster, started)) as outcomes:
+    missing_jobs = [jobs[path] for path in missing]
+    with closing(run_jobs(missing_jobs, workers=workers, cluster=cluster, started=started)) as outcomes:
         for index, outcome in outcomes:
             if isinstance(outcome, JobResult):
                 save(missing[index], outcome)

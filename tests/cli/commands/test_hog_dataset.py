@@ -17,16 +17,16 @@ from nablahog.cli.commands import hog as command
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
-from nablahog.jobs import describing, runner
+from nablahog.jobs import describing
 
-from ...paper.common import here
+from ...paper.common import run_in_this_process
 from ..common import names
 
 
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three images a file."""
-    monkeypatch.setattr(runner, "run_jobs", here)
+    run_in_this_process(monkeypatch)
     monkeypatch.setattr(command, "SHARD", 3)
 
 

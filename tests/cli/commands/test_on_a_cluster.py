@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from nablahog.cli.commands import hog
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
-from nablahog.jobs import runner, store
-from nablahog.jobs.worker import Work, attempt
+from nablahog.jobs import runner
+from nablahog.jobs.worker import Work
 from nablahog.pose.whitening import Background
 
+from ...paper.common import ThisProcess
 from ..common import FAST, SMALL, names
 
 OTHER = ["--cluster", "tcp://of-these-tests:1"]
@@ -31,18 +33,19 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What goes to a cluster that is this process: jobs and results travel as bytes, and come in another order."""
     jobs_sent: list[Any] = []
 
-    def run(
-        jobs: Sequence[Work[Any]], workers: int, cluster: str | None, started: Callable[[int], None] | None = None
-    ) -> Iterator[tuple[int, Any]]:
-        assert cluster == OTHER[1]
-        for index in reversed(range(len(jobs))):
-            if started is not None:
-                started(index)
-            jobs_sent.append(jobs[index])
-            yield index, pickle.loads(pickle.dumps(attempt(pickle.loads(pickle.dumps(jobs[index])))))
+    class ByBytes(ThisProcess):
+        def submit(self, index: int, job: Any, left: int) -> None:
+            super().submit(index, pickle.loads(pickle.dumps(job)), left)
 
-    for module in (store, runner):
-        monkeypatch.setattr(module, "run_anywhere", run)
+        def next_outcome(self) -> tuple[int, Any]:
+            index, outcome = super().next_outcome()
+            return index, pickle.loads(pickle.dumps(outcome))
+
+    def opened(jobs: Sequence[Work[Any]], workers: int, cluster: str | None) -> AbstractContextManager[ThisProcess]:
+        assert cluster == OTHER[1]
+        return nullcontext(ByBytes(jobs_sent.append))
+
+    monkeypatch.setattr(runner, "open_executor", opened)
     return jobs_sent
 
 

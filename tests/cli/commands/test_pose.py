@@ -16,14 +16,15 @@ import torch
 from PIL import ExifTags, Image
 
 from nablahog.cli.commands import pose
+from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
 from nablahog.io.images import write_image
 from nablahog.io.lists import read_objects
-from nablahog.jobs import runner
 from nablahog.render import Mesh, load_mesh
 from nablahog.render.mesh import save_meshes
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
+from ...paper.common import run_in_this_process
 from ..common import names
 
 AZIMUTH, ELEVATION = 130, 12
@@ -316,14 +317,14 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
 def test_a_run_is_resumed(tmp_path: Path, photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
     first = (tmp_path / "out" / "poses.json").read_bytes()
-    done: list[int] = []
-    run = runner.run_jobs
-    monkeypatch.setattr(runner, "run_jobs", lambda jobs, **options: done.append(len(jobs)) or run(jobs, **options))
+    begun: list[ObjectJob] = []
+    run_in_this_process(monkeypatch, begun.append)
     assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
     assert (tmp_path / "out" / "poses.json").read_bytes() == first
+    assert not begun
     (photos / "b.png").write_bytes((photos / "a.png").read_bytes())
     assert main(arguments(tmp_path, mesh="models/wooden.off")) in (0, 4)
-    assert done == [0, 1]
+    assert [job.listed.image for job in begun] == ["b.png"]
 
 
 def test_an_object_that_cannot_be_searched_is_skipped(

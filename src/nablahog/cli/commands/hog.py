@@ -17,7 +17,7 @@ from ...io.arrays import naming
 from ...io.descriptor_file import save_descriptor
 from ...io.files import Writable, forbid_overwrite, local_name, natural_order, output_folder
 from ...io.images import image_endings, write_image
-from ...jobs.runner import run_anywhere
+from ...jobs.runner import run_jobs
 from ...jobs.store import JobResult
 from ...jobs.worker import cores
 from ...requests.inversion import GlyphRequest, HogRequest
@@ -153,7 +153,8 @@ def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -
     reasons = []
     with counter("nablahog hog") as progress:
         progress(done, total, "")
-        with closing(run_anywhere(jobs, arguments.workers or cores(), arguments.cluster)) as outcomes:
+        workers = arguments.workers or cores()
+        with closing(run_jobs(jobs, workers=workers, cluster=arguments.cluster)) as outcomes:
             for index, outcome in outcomes:
                 done += len(jobs[index].paths)
                 progress(done, total, "")
