@@ -23,7 +23,7 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets
 from nablahog.invert.histograms import recover_histograms, starting_images
-from nablahog.invert.priors import RelativeSmoothness
+from nablahog.invert.prior.terms import RelativeSmoothness
 from nablahog.invert.search import EXPONENT, PreimageObjective
 from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser

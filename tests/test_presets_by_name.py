@@ -67,7 +67,7 @@ def _arrays(result: object) -> Iterator[object]:
 
 @pytest.mark.parametrize("call", CALLS)
 def test_a_name_is_the_preset_with_its_defaults(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.invert.training_windows.SignedTraining.default_crops", 1)
+    monkeypatch.setattr("nablahog.invert.prior.training_windows.SignedTraining.default_crops", 1)
     by_name, by_spec = (CALLS[call](spec, tmp_path) for spec in ("uoctti", presets.uoctti()))
     assert list(_arrays(by_name)) == list(_arrays(by_spec))
     with pytest.raises(ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'hog'$"):

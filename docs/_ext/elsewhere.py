@@ -13,7 +13,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 ROOT = Path(__file__).parents[2]
 PAGES = {
     "benchmarks/README": "benchmarks",
-    "src/nablahog/invert/default_priors/README": "default_priors",
+    "src/nablahog/invert/prior/default_priors/README": "default_priors",
     "src/nablahog/pose/default_viewpoints/README": "default_viewpoints",
     "CHANGELOG": "changelog",
     "CONTRIBUTING": "contributing",

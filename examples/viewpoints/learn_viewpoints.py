@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 
 from nablahog import Mesh
-from nablahog.invert.provenance import digest_of_images
+from nablahog.invert.prior.provenance import digest_of_images
 from nablahog.io.learned_model import flatten_all, fold_statistics
 from nablahog.io.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene

@@ -30,10 +30,10 @@ from nablahog.invert.histograms import (
     searchable,
     starting_images,
 )
-from nablahog.invert.learned import FOLDER, network_class
-from nablahog.invert.prior_network import SPEC, Architecture, SignedNetwork, network_inputs
+from nablahog.invert.prior.learned import FOLDER, network_class
+from nablahog.invert.prior.signed_network import SPEC, Architecture, SignedNetwork, network_inputs
+from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.invert.unknowns import to_cosines
-from nablahog.invert.unsigned_network import UnsignedNetwork
 
 from ..io import tiny_models
 from ..io.archives import check_refused
@@ -366,7 +366,7 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
 
 
 def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.invert.learned.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.prior.learned.FOLDER", tmp_path)
     with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
         reconstruct(hog(photograph(64), PAPER), PAPER, search=FEW)
 

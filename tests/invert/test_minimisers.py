@@ -14,7 +14,7 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.invert import Objective, Search, default_prior, preimage, search
 from nablahog.invert.histograms import noise, recover_histograms
-from nablahog.invert.priors import Range, RelativeSmoothness
+from nablahog.invert.prior.terms import Range, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser, Minimum, StopReason
@@ -171,7 +171,8 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         return cells[:, :1].expand(-1, descriptor.shape[3], *descriptor.shape[1:3]) + 0.0
 
     monkeypatch.setattr(search, "FlatRegions", lambda *args: regions)
-    monkeypatch.setattr(search, "steps", lambda device, spec: (to_cells, normalize))
+    monkeypatch.setattr(search, "histograms", to_cells)
+    monkeypatch.setattr(search, "normalize", normalize)
     seen, reports = [], []
 
     def minimise(problem: Any, start: Tensor, watch: Any, **options: Any) -> Minimum:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nablahog import hog, presets
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.priors import Prior, Range, RelativeSmoothness
+from nablahog.invert.prior.terms import Prior, Range, RelativeSmoothness
 from nablahog.invert.search import PreimageObjective
 from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import LeastSquares

@@ -22,7 +22,7 @@ from nablahog.invert import AsPublished, Iterate, Objective, Search
 from nablahog.invert.arguments import quality_of
 from nablahog.invert.histograms import at_contrast, recover_histograms
 from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
-from nablahog.invert.priors import Range
+from nablahog.invert.prior.terms import Range
 from nablahog.invert.signs import negated, negatives
 from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation

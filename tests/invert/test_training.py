@@ -15,12 +15,13 @@ from torch.testing import assert_close
 
 from nablahog import LearnedPrior, presets, train_prior
 from nablahog.hog import HOGSpec
-from nablahog.invert import histograms, training_windows
-from nablahog.invert.prior_network import Architecture, ResidualBlock
-from nablahog.invert.provenance import digest_of_weights
-from nablahog.invert.training import default_precision, learning_rates
-from nablahog.invert.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
-from nablahog.invert.unsigned_network import UnsignedNetwork
+from nablahog.invert import histograms
+from nablahog.invert.prior import training_windows
+from nablahog.invert.prior.provenance import digest_of_weights
+from nablahog.invert.prior.signed_network import Architecture, ResidualBlock
+from nablahog.invert.prior.training import default_precision, learning_rates
+from nablahog.invert.prior.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
+from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
 from .photographs import photograph

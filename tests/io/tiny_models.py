@@ -8,9 +8,9 @@ import torch
 
 from nablahog import LearnedPrior, presets
 from nablahog.hog import HOGSpec
-from nablahog.invert.learned import network_class
-from nablahog.invert.prior_network import Architecture
-from nablahog.invert.provenance import NetworkLearning
+from nablahog.invert.prior.learned import network_class
+from nablahog.invert.prior.provenance import NetworkLearning
+from nablahog.invert.prior.signed_network import Architecture
 from nablahog.io.learned_model import LearnedModel, count_weights
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import hog, presets
-from nablahog.invert.priors import RelativeSmoothness
+from nablahog.invert.prior.terms import RelativeSmoothness
 from nablahog.invert.search import PreimageObjective
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import Jacobian, StopReason, dogleg

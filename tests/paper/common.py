@@ -13,9 +13,9 @@ from skimage import data
 from torch import Tensor
 
 from nablahog import HOGSpec, LearnedPrior
-from nablahog.invert.learned import network_class
-from nablahog.invert.prior_network import Architecture
-from nablahog.invert.provenance import NetworkLearning
+from nablahog.invert.prior.learned import network_class
+from nablahog.invert.prior.provenance import NetworkLearning
+from nablahog.invert.prior.signed_network import Architecture
 from nablahog.io.learned_model import count_weights
 from nablahog.io.photographs import Photographs
 from nablahog.jobs import runner

@@ -10,7 +10,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from ..hog import HOGSpec, presets
 from ..hog.dialects import BY_NAME
 from ..invert.histograms import searchable
-from ..invert.learned import default_prior_file
+from ..invert.prior.learned import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..requests.options import Option, options_of
 from .access import MOST_BYTES

@@ -17,7 +17,7 @@ from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
 from ..hog.spec import HOGSpec
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
-from .priors import Prior
+from .prior.terms import Prior
 
 LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that its fourth power does not overflow
 
@@ -158,7 +158,7 @@ class Objective:
     """Terms added to the relative distance of the descriptors, Eq. 8-9.
 
     Attributes:
-        smoothness: ξ of Eq. 9, on the scale of the distance, see :func:`.priors.smoothness`.
+        smoothness: ξ of Eq. 9, on the scale of the distance, see :func:`.terms.smoothness`.
         closeness: λ of :class:`.search.PreimageObjective`, the weight of the distance to the expected image; by
             default 1 for signed dialects and for details, 3 for signed dialects with a learned prior, 0.1 for unsigned
             ones, whose region signs are uncertain.
@@ -169,7 +169,7 @@ class Objective:
         TypeError: ``priors`` are not priors.
 
     >>> from nablahog.invert import Objective
-    >>> from nablahog.invert.priors import Prior
+    >>> from nablahog.invert import Prior
     >>> class Squares(Prior):
     ...     def terms(self, image):
     ...         return image.diff(dim=3).flatten(1)

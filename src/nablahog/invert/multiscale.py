@@ -34,9 +34,9 @@ from .arguments import (
 )
 from .choices import InversionMethod
 from .histograms import enlarge, recover_histograms, searchable, starting_images
-from .learned import PriorChoice, Priors, as_priors
 from .preimage import search_preimages
-from .priors import CoarserDescriptor
+from .prior.learned import PriorChoice, Priors, as_priors
+from .prior.terms import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
 from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
 from .signs import negated, negatives

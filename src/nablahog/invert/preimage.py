@@ -31,8 +31,8 @@ from .arguments import (
 )
 from .choices import InversionMethod, QualityName
 from .histograms import NOISE, at_contrast, in_pairs, near_expected, recover_histograms, searchable, starting_images
-from .learned import LearnedPrior, PriorChoice, Priors, as_priors
-from .priors import Prior, Range, RelativeSmoothness
+from .prior.learned import LearnedPrior, PriorChoice, Priors, as_priors
+from .prior.terms import Prior, Range, RelativeSmoothness
 from .published import reconstruct_as_published
 from .reconstruction import Reconstruction, Watch, at_start, of_the_kind, parts, reconstruction_of, to_unit_range
 from .search import PreimageSearch

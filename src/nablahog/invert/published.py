@@ -24,7 +24,7 @@ from ..optimize import dogleg
 from ..runtime.pytorch import memory_for
 from .arguments import AsPublished
 from .histograms import noise, searchable
-from .priors import differences
+from .prior.terms import differences
 from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, parts, reconstruction_of
 from .unknowns import from_cosines, to_cosines
 

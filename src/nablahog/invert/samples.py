@@ -13,8 +13,8 @@ from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_descriptor
 from .choices import QualityName
-from .learned import PriorChoice, as_priors
 from .preimage import search_preimages
+from .prior.learned import PriorChoice, as_priors
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from ..hog.steps import normalize_reference
 from ..optimize import MINIMISERS, Minimiser
 from ..runtime.pytorch import memory_for
 from .histograms import searchable
-from .priors import Prior
+from .prior.terms import Prior
 from .reconstruction import SearchRecord, Watch, squared_norm
 from .unknowns import CosineBasis, FlatRegions
 

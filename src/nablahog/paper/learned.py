@@ -12,8 +12,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..invert import LearnedPrior, train_prior
-from ..invert.learned import default_prior_file, network_class
-from ..invert.training import least_side
+from ..invert.prior.learned import default_prior_file, network_class
+from ..invert.prior.training import least_side
 from ..io.files import checkpoint_for
 from ..io.images import limit_size
 from ..io.learned_model import LearnedModel, load_once

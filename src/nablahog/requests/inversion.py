@@ -12,7 +12,7 @@ from .dialect import Dialect
 from .options import SIZE, TEXT, integer, keywords, option, path
 
 if TYPE_CHECKING:
-    from ..invert.learned import LearnedPrior, PriorChoice
+    from ..invert.prior.learned import LearnedPrior, PriorChoice
 
 LONGER_SIDE = 256  # pixels: the pre-image of such a photograph takes seconds
 MOST_SAMPLES = 64
@@ -107,7 +107,7 @@ class InvertRequest(GlyphRequest):
         """The prior of the file, if there is one; OSError or ValueError if it cannot be read."""
         if self.prior_file is None:
             return None
-        from ..invert.learned import LearnedPrior
+        from ..invert.prior.learned import LearnedPrior
         from ..io.learned_model import load_once
 
         return load_once(LearnedPrior, self.prior_file)
@@ -119,7 +119,7 @@ class InvertRequest(GlyphRequest):
             OSError, ValueError: the file cannot be read, or is for other descriptors.
             FileNotFoundError: the package was installed without its priors.
         """
-        from ..invert.learned import default_prior_file, default_priors
+        from ..invert.prior.learned import default_prior_file, default_priors
 
         if self.template or self.method == "paper" or self.prior == NO_PRIOR:
             return None

@@ -20,7 +20,7 @@ from nablahog import LearnedPrior, presets
 from nablahog.cli.arguments.parsers import KINDS
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
-from nablahog.invert.provenance import digest_of_weights
+from nablahog.invert.prior.provenance import digest_of_weights
 from nablahog.paper.learned import LEARNED
 from nablahog.pose.whitening import Background
 

@@ -15,7 +15,7 @@ from PIL import Image
 from torch import Tensor
 
 from ...invert import AsPublished, reconstruct, reconstruct_samples
-from ...invert.learned import PriorChoice
+from ...invert.prior.learned import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
 from ...metrics import MEASURES

@@ -30,7 +30,7 @@ from scipy.cluster.vq import kmeans2
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...invert.provenance import Learning, check_images, digest_of_images
+from ...invert.prior.provenance import Learning, check_images, digest_of_images
 from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from ...runtime.text import counted

@@ -25,7 +25,7 @@ from torch.nn.functional import fold, pad
 from ...hog.normalizers import Footprint
 from ...hog.spec import HOGSpec
 from ...invert.arguments import check_descriptor
-from ...invert.provenance import Learning
+from ...invert.prior.provenance import Learning
 from ...invert.reconstruction import Reconstruction, relative_distance
 from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, check_tensor
 from ...runtime.extras import extra

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ...invert.provenance import check_images, digest_of_images
+from ...invert.prior.provenance import check_images, digest_of_images
 from ...runtime.extras import extra
 from .hoggles import (
     CELLS,

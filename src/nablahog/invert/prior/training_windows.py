@@ -14,11 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, interpolate, logsigmoid, mse_loss
 
-from ..hog import presets
-from ..hog.descriptor import histograms, hog
-from ..hog.spec import HOGSpec
-from .histograms import recover_histograms
-from .prior_network import SEEN, SignedNetwork, network_inputs
+from ...hog import presets
+from ...hog.descriptor import histograms, hog
+from ...hog.spec import HOGSpec
+from ..histograms import recover_histograms
+from .signed_network import SEEN, SignedNetwork, network_inputs
 from .unsigned_network import FINER, MOST_CELLS, UnsignedNetwork, normalised, with_sign_of
 
 BATCH = 32  # windows of at most :data:`SEEN` cells a side; of larger ones fewer

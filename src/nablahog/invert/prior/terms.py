@@ -17,11 +17,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import avg_pool2d
 
-from .. import native
-from ..hog.descriptor import histograms, normalize
-from ..hog.orientation import magnitude, vanishing
-from ..hog.spec import HOGSpec
-from ..hog.steps import normalize_reference
+from ... import native
+from ...hog.descriptor import histograms, normalize
+from ...hog.orientation import magnitude, vanishing
+from ...hog.spec import HOGSpec
+from ...hog.steps import normalize_reference
 
 ROUNDING = 0.05  # of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..runtime.text import counted
+from ...runtime.text import counted
 
 
 @dataclass(frozen=True, kw_only=True)

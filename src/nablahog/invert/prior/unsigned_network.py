@@ -21,10 +21,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
 
-from ..hog.spec import HOGSpec
-from ..runtime.pytorch import seeded
-from .histograms import cells_in_bins
-from .prior_network import Architecture, PriorNetwork, ResidualBlock, set_to_zero
+from ...hog.spec import HOGSpec
+from ...runtime.pytorch import seeded
+from ..histograms import cells_in_bins
+from .signed_network import Architecture, PriorNetwork, ResidualBlock, set_to_zero
 
 BINS = 9  # of 20° each
 FINER = 2  # pixels of the prediction per cell, along each axis

@@ -12,14 +12,14 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 import torch
 from torch import Tensor
 
-from ..hog.dialects import as_spec
-from ..hog.spec import HOGSpec
-from ..io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
-from .arguments import check_descriptor
-from .histograms import at_contrast, searchable, starting_images
-from .prior_network import SEEN, Architecture, PriorNetwork, SignedNetwork
+from ...hog.dialects import as_spec
+from ...hog.spec import HOGSpec
+from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
+from ..arguments import check_descriptor
+from ..histograms import at_contrast, searchable, starting_images
+from ..unknowns import low_pass
 from .provenance import NetworkLearning
-from .unknowns import low_pass
+from .signed_network import SEEN, Architecture, PriorNetwork, SignedNetwork
 from .unsigned_network import UnsignedNetwork
 
 FOLDER = Path(__file__).with_name("default_priors")  # see its README.md

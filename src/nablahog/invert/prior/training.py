@@ -16,17 +16,17 @@ from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torch.optim.lr_scheduler import OneCycleLR
 
-from ..hog.checks import check_choice
-from ..hog.dialects import as_spec
-from ..hog.spec import HOGSpec
-from ..io.files import replacing
-from ..io.input_file import input_file
-from ..io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
-from ..runtime.pytorch import in_plain_mode, seeded
-from .histograms import searchable
+from ...hog.checks import check_choice
+from ...hog.dialects import as_spec
+from ...hog.spec import HOGSpec
+from ...io.files import replacing
+from ...io.input_file import input_file
+from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
+from ...runtime.pytorch import in_plain_mode, seeded
+from ..histograms import searchable
 from .learned import LearnedPrior, network_class
-from .prior_network import Architecture
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
+from .signed_network import Architecture
 from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 
 Precision: TypeAlias = Literal["float32", "bfloat16"]

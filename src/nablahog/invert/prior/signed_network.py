@@ -19,10 +19,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, gelu, interpolate, pad, pixel_shuffle, pixel_unshuffle
 
-from ..hog import presets
-from ..hog.spec import HOGSpec
-from ..hog.steps import normalize_reference
-from .histograms import (
+from ...hog import presets
+from ...hog.spec import HOGSpec
+from ...hog.steps import normalize_reference
+from ..histograms import (
     at_nominal_contrast,
     cells_in_bins,
     integrate,

@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from nablahog import HOGSpec, hog, presets
 from nablahog.hog.gradient import gradient
-from nablahog.invert.priors import CoarserDescriptor, Prior, Range, RelativeSmoothness, smoothness
+from nablahog.invert.prior.terms import CoarserDescriptor, Prior, Range, RelativeSmoothness, smoothness
 
 from .photographs import photograph
 
