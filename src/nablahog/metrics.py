@@ -31,15 +31,15 @@ __all__ = [
 ]
 
 Image: TypeAlias = Tensor | ArrayLike
-BINS = 256
+GRAY_BINS = 256
 WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
 VIEWS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
     "constant; its sign says little for descriptors of unsigned gradients, which are those of the negative, too.",
-    "MI": f"Mutual information in bits, from the joint histogram of all pixels in {BINS}x{BINS} equal bins over 0…1; "
-    "not corrected for its bias, so compare it between images of one size only.",
+    "MI": f"Mutual information in bits, from the joint histogram of all pixels in {GRAY_BINS}x{GRAY_BINS} equal bins "
+    "over 0…1; not corrected for its bias, so compare it between images of one size only.",
     "SSIM": "Mean structural similarity as in scikit-image, data range 1: 7x7 uniform window, sample covariances; none "
     "for images narrower than 7 pixels.",
     "PSNR": "Peak signal-to-noise ratio in dB, −10 log10 of the mean squared error, peak 1; none for equal images.",
@@ -96,7 +96,7 @@ def cross_correlation(a: Image, b: Image) -> float:
     return float(np.clip((first * second).sum() / norms, -1, 1)) if norms > 0 else 0.0
 
 
-def mutual_information(a: Image, b: Image, bins: int = BINS) -> float:
+def mutual_information(a: Image, b: Image, bins: int = GRAY_BINS) -> float:
     """MI: mutual information H(a) + H(b) - H(a, b) of the pixels of two images, in bits (logarithms to base 2).
 
     Entropies are those of the joint histogram over 0…1 with ``bins`` x ``bins`` equal bins; 256 give each 8-bit level

@@ -19,15 +19,15 @@ from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
 from nablahog.invert.block_levels import histograms_without_clip
 from nablahog.invert.histograms import (
-    at_contrast,
-    cells_in_bins,
-    in_pairs,
     integrate,
+    linear_vote_spec,
+    match_contrast,
     mean_gradient,
     noise,
     normalization_error,
+    pair_noise,
+    rebin_cells,
     recover_histograms,
-    searchable,
     starting_images,
 )
 from nablahog.invert.reconstruction import to_unit_range
@@ -75,12 +75,12 @@ def test_an_image_is_found_for_every_dialect(name: str) -> None:
     torch.testing.assert_close(result.distance, difference / hog(images, spec).flatten(1).norm(dim=1))
     for image, original in zip(result.image, images, strict=True):
         alike = correlation(image, original)
-        assert (alike if searchable(spec).signed else abs(alike)) > 0.5
+        assert (alike if linear_vote_spec(spec).signed else abs(alike)) > 0.5
 
 
 @pytest.mark.parametrize("name", SPECS)
 def test_recovered_histograms_normalise_to_the_descriptor(name: str) -> None:
-    spec = searchable(SPECS[name])
+    spec = linear_vote_spec(SPECS[name])
     assert (spec.vote, spec.angle, spec.gamma) == ("linear", "exact", "none")
     image = torch.rand(1, 1, *SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     descriptor = hog(image, spec)
@@ -136,7 +136,7 @@ def test_flat_images_have_finite_histograms(level: float) -> None:
 
 def test_undirected_channels_are_unsigned_bins() -> None:
     spec, image = presets.aubry(4), torch.rand(1, 3, *SIZE, dtype=torch.float64)
-    unsigned = searchable(spec)
+    unsigned = linear_vote_spec(spec)
     assert (unsigned.signed, unsigned.bins) == (False, 9)
     torch.testing.assert_close(hog(image, unsigned), hog(image, spec))
 
@@ -177,7 +177,7 @@ def test_bins_of_a_network_conserve_votes_and_their_angle() -> None:
     spec = dataclasses.replace(presets.uoctti(8), bins=12)
     votes = torch.zeros(1, 12, 2, 2, dtype=torch.float64)
     votes[:, 1] = 4.0  # at 30°, between the bins at 20° and 40°
-    cells = cells_in_bins(votes, spec, (16, 16), 18, 0.0, 2 * math.pi)
+    cells = rebin_cells(votes, spec, (16, 16), 18, 0.0, 2 * math.pi)
     assert torch.nonzero(cells[0, :, 0, 0]).flatten().tolist() == [1, 2]
     torch.testing.assert_close(cells[0, 1:3, 0, 0], torch.full((2,), 2.0, dtype=torch.float64))
 
@@ -233,7 +233,7 @@ def test_a_starting_image_has_about_the_contrast_of_the_votes(spec: HOGSpec) -> 
 
 def test_noise_is_seeded_the_same_in_every_batch_and_cancels_in_pairs() -> None:
     before = torch.get_rng_state()
-    pairs = in_pairs(LIKE, 40, 50, 3, seed=3, spread=0.2)
+    pairs = pair_noise(LIKE, 40, 50, 3, seed=3, spread=0.2)
     assert torch.equal(torch.get_rng_state(), before)
     assert pairs.shape == (1, 3, 1, 40, 50)
     assert pairs.std().item() == pytest.approx(0.2, rel=0.1)
@@ -246,12 +246,12 @@ def test_noise_is_seeded_the_same_in_every_batch_and_cancels_in_pairs() -> None:
 def test_at_contrast_is_the_projection_of_the_histograms(spec: HOGSpec) -> None:
     images = torch.cat([photograph(32), photograph(32, "coins")]).double()
     votes = histograms(images.flip(0), spec)
-    made = at_contrast(images, votes, spec)
+    made = match_contrast(images, votes, spec)
     own = histograms(made, spec)
     torch.testing.assert_close((own * (votes - own)).sum(dim=(1, 2, 3)), torch.zeros(2, dtype=torch.float64))
-    torch.testing.assert_close(at_contrast(0.2 + 0.3 * images, votes, spec), made)
+    torch.testing.assert_close(match_contrast(0.2 + 0.3 * images, votes, spec), made)
     constant = torch.full_like(images, 0.2)
-    torch.testing.assert_close(at_contrast(constant, votes, spec), torch.full_like(images, 0.5))
+    torch.testing.assert_close(match_contrast(constant, votes, spec), torch.full_like(images, 0.5))
 
 
 def test_images_are_stretched_to_the_unit_range_or_shifted_where_the_contrast_is_known() -> None:

@@ -23,15 +23,15 @@ from nablahog.invert import (
     scale_descriptors,
 )
 from nablahog.invert.histograms import (
-    at_nominal_contrast,
     integrate,
+    linear_vote_spec,
     mean_gradient,
     recover_histograms,
-    searchable,
+    set_nominal_contrast,
     starting_images,
 )
-from nablahog.invert.prior.learned import FOLDER, network_class
-from nablahog.invert.prior.signed_network import SPEC, Architecture, SignedNetwork, network_inputs
+from nablahog.invert.prior.learned import PRIOR_FOLDER, network_class
+from nablahog.invert.prior.signed_network import INPUT_SPEC, Architecture, SignedNetwork, network_inputs
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.invert.unknowns import to_cosines
 
@@ -61,7 +61,7 @@ every_dialect = pytest.mark.parametrize("spec", [*SIGNED.values(), *UNSIGNED.val
 
 def cells(image: Tensor, spec: HOGSpec) -> Tensor:
     """What the network is given for an image."""
-    searched, size = searchable(spec), (image.shape[2], image.shape[3])
+    searched, size = linear_vote_spec(spec), (image.shape[2], image.shape[3])
     return network_class(spec).cell_votes(histograms(image, searched), searched, size)
 
 
@@ -71,7 +71,7 @@ def cells(image: Tensor, spec: HOGSpec) -> Tensor:
 @every_dialect
 def test_all_dialects_look_alike(spec: HOGSpec) -> None:
     image = photograph(128)
-    ours, theirs = (cells(image, each) for each in (UOCTTI if searchable(spec).signed else PAPER, spec))
+    ours, theirs = (cells(image, each) for each in (UOCTTI if linear_vote_spec(spec).signed else PAPER, spec))
     assert ours.shape == theirs.shape
     ours, theirs = (x.div(x.mean()).log1p().flatten() for x in (ours, theirs))
     assert float(torch.corrcoef(torch.stack([ours, theirs]))[0, 1]) > 0.75
@@ -110,7 +110,7 @@ def test_an_untrained_network_gives_the_integral() -> None:
     rows, cols = votes.shape[2:]
     network = SignedNetwork(Architecture((8, 8, 8), (1, 0, 0))).eval()
     size = 8 * rows, 8 * cols
-    integral = integrate(*mean_gradient(at_nominal_contrast(votes, SPEC, size), SPEC, *size))
+    integral = integrate(*mean_gradient(set_nominal_contrast(votes, INPUT_SPEC, size), INPUT_SPEC, *size))
     assert_close(network._image(votes), integral, atol=1e-4, rtol=0)
 
 
@@ -126,7 +126,7 @@ def test_small_cells_are_seen_after_large_ones_together_with_what_these_are_expe
     network.forward = forward  # type: ignore[method-assign]
     votes = torch.rand(1, 9, 28, 60)
     largest = network.largest_cells(votes)
-    regions = network.regions_of(votes, largest)
+    regions = network.predict_regions(votes, largest)
     assert [grid for grid, _ in seen] == [(8, 16), (8, 16), (16, 32), (16, 32), (28, 60), (28, 60)]
     assert (regions.shape, largest.regions.shape) == ((1, 1, 56, 120), (1, 1, 16, 32))
     assert float(regions.abs().max()) == 1  # images and mirror images of opposite signs do not cancel
@@ -146,7 +146,7 @@ def test_expected_of_a_batch_is_that_of_each_at_the_contrast_of_the_histograms(s
     alone = torch.cat([prior.expected(each[None], spec, (128, 128)) for each in descriptors])
     assert_close(together, alone, atol=1e-3, rtol=0)
     assert_close(together.mean(dim=(1, 2, 3)), torch.full((2,), 0.5), atol=1e-4, rtol=0)
-    searched = searchable(spec)
+    searched = linear_vote_spec(spec)
     votes = recover_histograms(descriptors, searched, (128, 128))
     own = histograms(together, searched)
     assert float((own * votes).sum() / own.square().sum()) == pytest.approx(1, abs=2e-2)
@@ -366,17 +366,17 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
 
 
 def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.invert.prior.learned.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.prior.learned.PRIOR_FOLDER", tmp_path)
     with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
         reconstruct(hog(photograph(64), PAPER), PAPER, search=FEW)
 
 
 @pytest.mark.parametrize("spec", ["paper", "uoctti"])
 def test_the_readme_says_where_the_packages_priors_are_from(spec: str) -> None:
-    prior, readme = default_prior(spec), (FOLDER / "README.md").read_text(encoding="utf-8")
+    prior, readme = default_prior(spec), (PRIOR_FOLDER / "README.md").read_text(encoding="utf-8")
     assert default_prior(spec) is prior
     for text in (prior.learning.sha256, f"{len(prior.learning.images):,} ", f"--epochs {prior.learning.epochs}"):
         assert text in readme
     assert f"seed {prior.learning.seed}" in readme
     assert prior.learning.start in readme
-    assert sum(file.stat().st_size for file in FOLDER.glob("*.npz")) <= 16 * 10**6
+    assert sum(file.stat().st_size for file in PRIOR_FOLDER.glob("*.npz")) <= 16 * 10**6

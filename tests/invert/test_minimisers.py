@@ -14,7 +14,7 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.invert import Objective, Search, default_prior, preimage, search
 from nablahog.invert.histograms import noise, recover_histograms
-from nablahog.invert.prior.terms import Range, RelativeSmoothness
+from nablahog.invert.prior.terms import GrayRange, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser, Minimum, StopReason
@@ -60,11 +60,11 @@ def test_evaluations_of_all_images_of_a_descriptor_add_up() -> None:
     # the flat image's start is flat already: one evaluation shows it, another that nothing moves
     assert made.evaluations[:2].tolist() == [36, 36]
     assert int(made.evaluations[2]) in (3, 6)
-    assert made.left() == 64
-    made.match(result.mean(dim=1, keepdim=True), None, made.left())
+    assert made.remaining_evaluations() == 64
+    made.match(result.mean(dim=1, keepdim=True), None, made.remaining_evaluations())
     assert made.evaluations[:2].tolist() == [100, 100]
     assert history(made).shape == (100, 3)
-    assert made.left() == 1  # never nothing, as a minimiser cannot spend nothing
+    assert made.remaining_evaluations() == 1  # never nothing, as a minimiser cannot spend nothing
 
 
 @every_minimiser
@@ -74,7 +74,7 @@ def test_the_account_of_any_minimiser(minimiser: Minimiser) -> None:
     result = made.match(starts(2), VOTES, 20)
     assert (made.evaluations <= 40).all()
     assert (made.evaluations[:2] > 20).all()
-    made.match(result[:, :1], None, made.left(), IMAGES, 0.1)
+    made.match(result[:, :1], None, made.remaining_evaluations(), IMAGES, 0.1)
     assert (made.evaluations <= 60).all()
     assert torch.isfinite(history(made)).all()
     done = [call[0] for call in calls]
@@ -144,7 +144,7 @@ def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch)
     def run() -> tuple[PreimageSearch, Tensor]:
         made = account(budget=60)
         mean = made.match(starts(2), VOTES, 18).mean(dim=1)
-        return made, made.match(mean.unsqueeze(1), None, made.left(), mean, 1.0)
+        return made, made.match(mean.unsqueeze(1), None, made.remaining_evaluations(), mean, 1.0)
 
     on_cpu, its_images = run()
     monkeypatch.setattr("nablahog.optimize.problems.dropped_at_once", lambda like: False)
@@ -189,7 +189,7 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         descriptor.to("meta"),
         UOCTTI,
         (32, 32),
-        [RelativeSmoothness(0.02), Range(10.0)],
+        [RelativeSmoothness(0.02), GrayRange(10.0)],
         "lbfgs",
         100,
         lambda done, most: reports.append(done),
@@ -230,5 +230,5 @@ def test_batches_are_split_by_the_memory_that_is_free(learned: bool, monkeypatch
         torch.testing.assert_close(getattr(apart, name), getattr(together, name), atol=error, rtol=error)
     assert calls == sorted(set(calls))
     assert {most for _, most in calls} == {3 * 4}
-    assert set(asked) == {preimage.SHARE, search.SHARE}
+    assert set(asked) == {preimage.BATCH_MEMORY_SHARE, search.VOTE_MEMORY_SHARE}
     assert sum(set(asked)) < 0.8

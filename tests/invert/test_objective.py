@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nablahog import hog, presets
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.prior.terms import Prior, Range, RelativeSmoothness
+from nablahog.invert.prior.terms import GrayRange, Prior, RelativeSmoothness
 from nablahog.invert.search import PreimageObjective
 from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import LeastSquares
@@ -21,7 +21,7 @@ from nablahog.optimize.gauss_newton import GraphJacobian
 from .photographs import photograph
 
 SPECS = {"uoctti": presets.uoctti(8), "paper": presets.paper(8)}
-PRIORS: tuple[Prior, ...] = (RelativeSmoothness(0.02), Range(0.5))
+PRIORS: tuple[Prior, ...] = (RelativeSmoothness(0.02), GrayRange(0.5))
 both_specs = pytest.mark.parametrize("name", SPECS)
 
 
@@ -90,7 +90,7 @@ def test_gradients_are_central_differences(name: str, on_votes: bool) -> None:
         small,
         CosineBasis(8, 8, descriptor),
         FlatRegions(descriptor, small, 8, 8),
-        (*PRIORS, Range(10.0)),
+        (*PRIORS, GrayRange(10.0)),
         images.flip(0),
         0.7,
     )

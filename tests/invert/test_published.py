@@ -77,7 +77,7 @@ def test_the_preconditioner_is_the_laplacian_plus_a_share_of_the_diagonal() -> N
     inverse = jacobian.precondition(at)
     for row in range(2):
         seen = torch.func.jacrev(lambda p: objective.residuals(p[None], index[row : row + 1])[0])(points[row])  # noqa: B023
-        neighbours = seen[-objective.of_neighbours(objective.images(points)).shape[1] :]
+        neighbours = seen[-objective.neighbour_differences(objective.images(points)).shape[1] :]
         of_hog = seen[: -len(neighbours)].square().sum() / pixels  # the mean diagonal, which one probe estimates
         rest = (at[row] - neighbours.T @ (neighbours @ inverse[row])) / inverse[row]
         assert float(rest.std() / rest.mean().abs()) < 1e-3
@@ -115,7 +115,7 @@ def test_a_batch_in_parts_is_its_images_alone(monkeypatch: pytest.MonkeyPatch) -
     descriptors, calls = hog(photographs(3, 32), spec).double(), []
     kept = AsPublished(iterations=4, keep_iterates=True)
     whole = reconstruct(descriptors, spec, method=kept)
-    monkeypatch.setattr("nablahog.invert.published.AT_ONCE", 2 * 32 * 32)
+    monkeypatch.setattr("nablahog.invert.published.PIXELS_AT_ONCE", 2 * 32 * 32)
     parts = reconstruct(descriptors, spec, method=kept, progress=lambda done, most: calls.append((done, most)))
     torch.testing.assert_close(parts.image, whole.image, rtol=0, atol=1e-6)
     torch.testing.assert_close(parts.iterates, whole.iterates, rtol=0, atol=1e-6)

@@ -19,10 +19,10 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Iterate, Objective, Search
-from nablahog.invert.arguments import quality_of
-from nablahog.invert.histograms import at_contrast, recover_histograms
+from nablahog.invert.arguments import find_quality
+from nablahog.invert.histograms import match_contrast, recover_histograms
 from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
-from nablahog.invert.prior.terms import Range
+from nablahog.invert.prior.terms import GrayRange
 from nablahog.invert.signs import negated, negatives
 from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation
@@ -60,7 +60,7 @@ def test_photographs_come_back_and_better_the_more_is_spent() -> None:
     descriptors = hog(images, UOCTTI)
     best, fast = (reconstruct(descriptors, UOCTTI, quality=quality, prior=None) for quality in ("best", "fast"))
     assert torch.equal(reconstruct(descriptors, UOCTTI, prior=None).image, best.image)
-    assert (fast.evaluations <= quality_of("fast").evaluations).all()
+    assert (fast.evaluations <= find_quality("fast").evaluations).all()
     assert (fast.evaluations * 5 < best.evaluations).all()
     assert (best.distance < fast.distance).all()
     of_best, of_fast = (
@@ -153,7 +153,7 @@ def test_the_search_begins_at_the_expected_image_and_stays_close_to_it(name: str
         reconstruct(descriptor, spec, search=few, expected=expected, objective=Objective(closeness=c))
         for c in (0.0, 10.0)
     )
-    begun = at_contrast(expected, recover_histograms(descriptor, spec), spec)
+    begun = match_contrast(expected, recover_histograms(descriptor, spec), spec)
     torch.testing.assert_close(weak.history[0, 0], (hog(begun, spec) - descriptor).norm() / descriptor.norm())
     assert strong.distance > weak.distance
     for result in (weak, strong):
@@ -291,7 +291,7 @@ def test_refused_input(descriptor: Tensor, spec: str, options: Any, error: type[
         (Objective, {"smoothness": -1.0}, "smoothness must be a finite number of at least 0"),
         (Objective, {"closeness": float("nan")}, "closeness must be a finite number"),
         (Objective, {"priors": [0.1]}, "priors must be a list of Prior"),
-        (Objective, {"priors": Range(0.1)}, "priors must be a list of Prior"),
+        (Objective, {"priors": GrayRange(0.1)}, "priors must be a list of Prior"),
         (AsPublished, {"smoothness": 0.0}, "smoothness must be a finite number above 0"),
         (AsPublished, {"iterations": 0}, "iterations must be at least 1"),
         (AsPublished, {"max_evaluations": 1}, "max_evaluations must be at least 2"),

@@ -16,9 +16,9 @@ from nablahog import HOGSpec, presets
 from nablahog.hog.descriptor import histograms
 from nablahog.invert.signs import (
     BACKGROUND,
+    COUPLING,
     FAINT,
     ROUNDINGS,
-    SMOOTHING,
     TRUST,
     WEIGHTS,
     brightness_cues,
@@ -79,7 +79,7 @@ def least_squares(votes: Tensor, spec: HOGSpec, trust: float, background: float)
             if neighbour_y < rows and neighbour_x < cols:
                 difference = torch.zeros(rows, cols, dtype=torch.float64)
                 difference[y, x], difference[neighbour_y, neighbour_x] = 1, -1
-                equations.append(math.sqrt(SMOOTHING) * difference)
+                equations.append(math.sqrt(COUPLING) * difference)
                 pulls.append(torch.zeros_like(pull))
     total = votes[0].sum(dim=0)
     faint = torch.exp(-total / (FAINT * total.mean()))

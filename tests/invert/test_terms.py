@@ -11,13 +11,13 @@ from torch.testing import assert_close
 
 from nablahog import HOGSpec, hog, presets
 from nablahog.hog.gradient import gradient
-from nablahog.invert.prior.terms import CoarserDescriptor, Prior, Range, RelativeSmoothness, smoothness
+from nablahog.invert.prior.terms import CoarserDescriptor, GrayRange, Prior, RelativeSmoothness, smoothness
 
 from .photographs import photograph
 
 PRIORS = {
     "relative": RelativeSmoothness(0.7),
-    "range": Range(0.7),
+    "range": GrayRange(0.7),
 }
 all_priors = pytest.mark.parametrize("prior", PRIORS.values(), ids=PRIORS)
 
@@ -39,7 +39,7 @@ def test_smoothness_ignores_contrast_and_brightness_and_sees_alternating_pixels(
 
 def test_range_is_the_mean_squared_excess() -> None:
     image = torch.tensor([1.5, -0.1, 0.5, 1.0], dtype=torch.float64).reshape(1, 1, 2, 2).requires_grad_()
-    value = Range(3.0)(image)
+    value = GrayRange(3.0)(image)
     assert value.item() == pytest.approx(3 * (0.5**2 + 0.1**2) / 4)
     expected = 3 * 2 / 4 * torch.tensor([0.5, -0.1, 0, 0], dtype=torch.float64).reshape(1, 1, 2, 2)
     assert_close(torch.autograd.grad(value.sum(), image)[0], expected)
@@ -96,7 +96,7 @@ def test_a_coarser_descriptor_is_compared_by_its_relative_distance(spec: HOGSpec
     apart = (hog(avg_pool2d(batch, 2), spec) - target).flatten(1).norm(dim=1) / target.flatten(1).norm(dim=1)
     assert_close(prior(batch), 0.7 * apart.square())
     assert_close(prior.residuals(batch).square().sum(dim=1), prior(batch))
-    assert_close(prior.of(torch.tensor([1]))(batch[1:]), prior(batch)[1:])
+    assert_close(prior.select(torch.tensor([1]))(batch[1:]), prior(batch)[1:])
     silent = CoarserDescriptor(0.7, torch.zeros_like(target), spec, 2)
     assert torch.equal(silent(batch), torch.zeros(2, dtype=torch.float64))
     small = torch.rand(2, 1, 16, 16, generator=torch.Generator().manual_seed(0), dtype=torch.float64).requires_grad_()
@@ -106,6 +106,6 @@ def test_a_coarser_descriptor_is_compared_by_its_relative_distance(spec: HOGSpec
 
 
 def test_values_out_of_range() -> None:
-    for make in (lambda: RelativeSmoothness(float("nan")), lambda: Range(-2.0)):
+    for make in (lambda: RelativeSmoothness(float("nan")), lambda: GrayRange(-2.0)):
         with pytest.raises(ValueError, match="must be a finite number of at least"):
             make()

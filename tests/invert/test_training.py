@@ -48,7 +48,7 @@ class Interruption:
 @pytest.fixture
 def images(monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """Four small photographs, two to a step, whose histograms are found in a hurry."""
-    monkeypatch.setattr(training_windows, "BATCH", 2)
+    monkeypatch.setattr(training_windows, "WINDOWS_PER_BATCH", 2)
     monkeypatch.setattr(histograms, "AFTER_CLOSED_FORM", 5)
     names = ("camera", "coins", "clock", "brick")
     return {name: photograph(64, name)[0, 0, :40, :48].contiguous() for name in names}
@@ -213,7 +213,7 @@ def network() -> UnsignedNetwork:
 
 
 def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training_windows, "BATCH", 4)
+    monkeypatch.setattr(training_windows, "WINDOWS_PER_BATCH", 4)
     held_out = range(HELD_OUT // 2, 50, HELD_OUT)
     images = {name: image * torch.nan if int(name) in held_out else image for name, image in patches(50).items()}
     training = UnsignedTraining(images, 0)

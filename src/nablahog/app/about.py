@@ -9,7 +9,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from ..hog import HOGSpec, presets
 from ..hog.dialects import BY_NAME
-from ..invert.histograms import searchable
+from ..invert.histograms import linear_vote_spec
 from ..invert.prior.learned import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..requests.options import Option, options_of
@@ -68,7 +68,7 @@ def _preset(name: str, spec: HOGSpec) -> dict[str, Any]:
     defaults = defaults_of(name)
     return {
         "name": name,
-        "signed": searchable(spec).signed,
+        "signed": linear_vote_spec(spec).signed,
         "title": (PRESETS[name].__doc__ or name).strip().split("\n")[0],
         "parameters": [_parameter(key, hint, defaults[key]) for key, hint in parameters_of(name).items()],
     }

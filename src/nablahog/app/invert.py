@@ -14,8 +14,8 @@ from .. import metrics
 from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import Iterate, Reconstruction, reconstruct
-from ..invert.arguments import quality_of
-from ..invert.histograms import recover_histograms, searchable, starting_images
+from ..invert.arguments import find_quality
+from ..invert.histograms import linear_vote_spec, recover_histograms, starting_images
 from ..invert.reconstruction import at_start
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
@@ -80,7 +80,7 @@ def _searched(
     request: InvertMessage, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
 ) -> Reconstruction:
     start = None if request.start is None else _start(store, request.start, size)
-    if start is None and searchable(spec).signed:
+    if start is None and linear_vote_spec(spec).signed:
         watch(at_start(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
     try:
         prior = request.priors_for(spec)
@@ -101,8 +101,8 @@ def _lines(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """A rough image that the votes integrate to, shown while the search prepares."""
-    votes = recover_histograms(descriptor, searchable(spec), size, max_evaluations=FIRST)
-    return starting_images(votes, searchable(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
+    votes = recover_histograms(descriptor, linear_vote_spec(spec), size, max_evaluations=FIRST)
+    return starting_images(votes, linear_vote_spec(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
 
 
 def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:
@@ -123,7 +123,7 @@ class _Watch:
         self, request: InvertMessage, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
     ) -> None:
         self.reference, self.send, self.cancel = reference, send, cancel
-        effort = quality_of(request.quality)
+        effort = find_quality(request.quality)
         signed = effort.evaluations if request.prior == NO_PRIOR else effort.with_prior
         most = signed if spec.signed else effort.without_samples
         self.most = None if request.method == "paper" else most

@@ -58,7 +58,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     check_floats("the descriptor", descriptor)
     check_axes("the descriptor", descriptor)
     rows, cols, channels = descriptor.shape[1:]
-    height, width = checked_size(spec.image_size(rows, cols) if image_size is None else image_size)
+    height, width = check_size(spec.image_size(rows, cols) if image_size is None else image_size)
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
         raise ValueError(
@@ -72,7 +72,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     return height, width
 
 
-def checked_size(image_size: object) -> tuple[int, int]:
+def check_size(image_size: object) -> tuple[int, int]:
     """A height and width; ValueError for anything else."""
     with suppress(TypeError, ValueError):
         height, width = map(operator.index, image_size)  # type: ignore[call-overload]
@@ -115,7 +115,7 @@ QUALITIES: dict[QualityName, Quality] = {
 }
 
 
-def quality_of(name: QualityName) -> Quality:
+def find_quality(name: QualityName) -> Quality:
     check_choice("quality", name, QualityName)
     return QUALITIES[name]
 

@@ -16,11 +16,11 @@ from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockN
 from ..hog.spec import HOGSpec
 from .unknowns import from_cosines, to_cosines
 
-ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
-STEPS = 5  # of Newton's method
+BLOCK_ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
+NEWTON_STEPS = 5  # of Newton's method
 ITERATIONS, ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
-LEAST = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
-TINY = 1e-6
+LEAST_ENTRY = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
+TINY_RATIO = 1e-6
 
 
 def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
@@ -39,16 +39,16 @@ def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
     texture = parts["texture"] if vlfeat else torch.stack(in_dpm_order(parts["texture"].unbind(1)), dim=1)
     totals = (texture / (VLFEAT_TEXTURE if vlfeat else DPM_TEXTURE)).unsqueeze(2)  # (B, 4, 1, rows, cols)
     shares = summed.unsqueeze(1)  # (B, 1, n, rows, cols), of the cell's level
-    for _ in range(ROUNDS):
-        shares = shares / shares.sum(dim=2, keepdim=True).clamp(min=TINY)
+    for _ in range(BLOCK_ROUNDS):
+        shares = shares / shares.sum(dim=2, keepdim=True).clamp(min=TINY_RATIO)
         ratios, known = _unclipped(shares, totals, normalizer.clip, dim=2)  # h / N by block: (B, 4, 1, rows, cols)
         shares, _ = _unclipped(ratios, 2 * summed.unsqueeze(1), normalizer.clip, dim=1)
     if "directed" in parts and vlfeat:
         shares, _ = _unclipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
-    known &= totals > TINY
-    levels = _levels(ratios.double().clamp(min=TINY).log().squeeze(2), known.squeeze(2).double())
+    known &= totals > TINY_RATIO
+    levels = _levels(ratios.double().clamp(min=TINY_RATIO).log().squeeze(2), known.squeeze(2).double())
     shares = shares.squeeze(1)
-    floor = LEAST * shares.amax(dim=1, keepdim=True)
+    floor = LEAST_ENTRY * shares.amax(dim=1, keepdim=True)
     return shares.clamp(min=floor) * torch.exp(levels).to(shares)
 
 
@@ -59,11 +59,11 @@ def _unclipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[
     """
     x = torch.zeros_like(totals)
     slopes = weights.sum(dim, keepdim=True).expand_as(x)
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         left = totals - (weights * x).clamp(max=clip).sum(dim, keepdim=True)
-        x = torch.where(slopes > TINY, x + left / slopes.clamp(min=TINY), x)
+        x = torch.where(slopes > TINY_RATIO, x + left / slopes.clamp(min=TINY_RATIO), x)
         slopes = torch.where(weights * x < clip, weights, 0).sum(dim, keepdim=True)
-    return x, slopes > TINY
+    return x, slopes > TINY_RATIO
 
 
 def _levels(ratios: Tensor, known: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ def _levels(ratios: Tensor, known: Tensor) -> Tensor:
     Least squares, where ``known`` is 1, over the levels of cells and of blocks.  Those of blocks are means, which
     leaves equations for those of cells; if all ratios are known, the cosine basis solves them.
     """
-    blocks = _to_blocks(known).clamp(min=TINY)
+    blocks = _to_blocks(known).clamp(min=TINY_RATIO)
 
     def apart(of_cells: Tensor) -> Tensor:
         """Σ over its blocks of a cell's difference from the mean of the block: (B, 4, rows, cols) to (B, 1, …)."""

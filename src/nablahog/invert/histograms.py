@@ -34,11 +34,11 @@ from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 AFTER_CLOSED_FORM = 60  # evaluations, which suffice after a start in closed form
-_MOST = 20.0  # times the largest vote of a cell at the start, the most that the search may come to
+_MAX_VOTE_RATIO = 20.0  # times the largest vote of a cell at the start, the most that the search may come to
 FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
 
 
-def searchable(spec: HOGSpec) -> HOGSpec:
+def linear_vote_spec(spec: HOGSpec) -> HOGSpec:
     """The spec that a search for images uses: nearly the same, and easier to minimise.
 
     * Votes are linear: hard votes have no derivative with respect to the orientation.
@@ -67,26 +67,26 @@ def recover_histograms(
 ) -> Tensor:
     """Cell histograms (B, colours · bins, rows, cols), in votes, whose normalisation is the descriptor.
 
-    ``spec`` is one of :func:`searchable`.  The common scale is the original's if the descriptor fixes the contrast;
-    else the mean vote of a pixel is set to that of an ordinary photograph.
+    ``spec`` is one of :func:`linear_vote_spec`.  The common scale is the original's if the descriptor fixes the
+    contrast; else the mean vote of a pixel is set to that of an ordinary photograph.
     """
     size = size or spec.image_size(*descriptor.shape[1:3])
-    each = split_colours(descriptor, spec)
-    histograms = spec.normalizer.invert(each.permute(0, 3, 1, 2))
+    colours = split_colours(descriptor, spec)
+    histograms = spec.normalizer.invert(colours.permute(0, 3, 1, 2))
     if histograms is None:
-        histograms = _least_squares(each, spec.single_colour, size, max_evaluations)
+        histograms = _least_squares(colours, spec.single_colour, size, max_evaluations)
     histograms = histograms.reshape(len(descriptor), -1, *histograms.shape[2:]).clamp(min=0)  # as votes are
-    return histograms if spec.normalizer.fixes_contrast else at_nominal_contrast(histograms, spec, size)
+    return histograms if spec.normalizer.fixes_contrast else set_nominal_contrast(histograms, spec, size)
 
 
 def normalization_error(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """‖N(h) - d‖ / ‖d‖ with N the dialect's normaliser, (B,): near 0 where some histograms h have the descriptor d."""
-    spec = searchable(spec)
+    spec = linear_vote_spec(spec)
     residual = normalize(recover_histograms(descriptor, spec, size), spec) - descriptor.permute(0, 3, 1, 2)
     return (squared_norm(residual) / squared_norm(descriptor)).sqrt()
 
 
-def at_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+def set_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols), scaled to the mean vote of an ordinary photograph's pixel."""
     nominal = NOMINAL_CONTRAST * spec.value_range * _votes_per_magnitude(spec, size, histograms)
     total = histograms.sum(dim=(1, 2, 3), keepdim=True)
@@ -124,7 +124,7 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     else:
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
-    limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MOST)  # else clipped cells run away
+    limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MAX_VOTE_RATIO)  # else clipped cells run away
     scale = squared_norm(target)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
@@ -146,14 +146,12 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     return histograms(minimum.x, torch.arange(batch, device=target.device))
 
 
-def of_one_colour(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+def average_colours(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) of images (height, width): means over colours, cells side by side."""
     return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
 
 
-def cells_in_bins(
-    votes: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, first: float, period: float
-) -> Tensor:
+def rebin_cells(votes: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, first: float, period: float) -> Tensor:
     """Histograms (B, colours · spec.bins, rows, cols) to other bins of cells side by side, (B, bins, R, C).
 
     Each vote is shared between the two nearest bins; ``first`` is the centre of bin 0, in bins, and ``period`` that of
@@ -165,16 +163,16 @@ def cells_in_bins(
     to, own = torch.zeros(bins, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
     to.index_put_((below.long() % bins, own), 1 - share, accumulate=True)
     to.index_put_(((below.long() + 1) % bins, own), share, accumulate=True)
-    return torch.einsum("kb,nbrc->nkrc", to.to(votes), of_one_colour(votes, spec, size))
+    return torch.einsum("kb,nbrc->nkrc", to.to(votes), average_colours(votes, spec, size))
 
 
-NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
-INVISIBLE = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
-TINY = 1e-30
+START_NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
+ROUNDING_CONTRAST = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
+TINY_WEIGHT = 1e-30
 
 
 def starting_images(
-    votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = NOISE
+    votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = START_NOISE
 ) -> Tensor:
     """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
 
@@ -183,33 +181,33 @@ def starting_images(
     if spec.signed:
         smooth = integrate(*mean_gradient(mean_over_colours(votes, spec), spec, height, width)).unsqueeze(1)
     else:
-        cells = expected_cells(of_one_colour(votes, spec, (height, width)), spec, seed).unsqueeze(1)
+        cells = expected_cells(average_colours(votes, spec, (height, width)), spec, seed).unsqueeze(1)
         # from votes of a cell, differences of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
-    return 0.5 + smooth / spec.value_range + in_pairs(votes, height, width, count, seed, spread)
+    return 0.5 + smooth / spec.value_range + pair_noise(votes, height, width, count, seed, spread)
 
 
-def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = NOISE) -> Tensor:
+def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = START_NOISE) -> Tensor:
     """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
     generator = torch.Generator().manual_seed(int(seed))
     unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
     return (unit * spread).to(like)
 
 
-def in_pairs(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
+def pair_noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
     """:func:`noise` in pairs of opposite sign: what depends linearly on the noise cancels in their mean."""
     half = noise(like, height, width, (count + 1) // 2, seed, spread)
     return torch.cat([half, -half[:, : count // 2]], dim=1)
 
 
-def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
+def match_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``votes``.
 
     Images that only vary by rounding become constant.
     """
     image = image - image.mean(dim=(2, 3), keepdim=True)
-    varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > INVISIBLE
+    varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > ROUNDING_CONTRAST
     image = torch.where(varies, image, 0)
     own = histograms(image, spec)
     size = own.square().sum(dim=(1, 2, 3))
@@ -217,12 +215,12 @@ def at_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     return 0.5 + image * contrast.reshape(-1, 1, 1, 1)
 
 
-def near_expected(
+def start_near(
     votes: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
 ) -> tuple[Tensor, Tensor]:
     """Start and expected image at the contrast of the histograms ``votes``."""
-    expected = at_contrast(expected, votes, spec)
-    start = expected if start is None else at_contrast(start, votes, spec)
+    expected = match_contrast(expected, votes, spec)
+    start = expected if start is None else match_contrast(start, votes, spec)
     constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
     if constant.any():  # all derivatives vanish there, so no search would leave it
         height, width = start.shape[2:]
@@ -246,7 +244,7 @@ def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tupl
     mean = votes / (down.totals().unsqueeze(1) * across.totals())
     if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
         down, across = (
-            along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY)) for along in (down, across)
+            along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY_WEIGHT)) for along in (down, across)
         )
     gx, gy = (
         across.spread(down.spread(torch.einsum("bkrc,k->brc", mean, f(angles)), -2), -1) for f in (torch.cos, torch.sin)

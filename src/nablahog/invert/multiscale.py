@@ -30,15 +30,15 @@ from .arguments import (
     check_descriptor,
     check_images,
     descriptors_as_tensor,
-    quality_of,
+    find_quality,
 )
 from .choices import InversionMethod
-from .histograms import enlarge, recover_histograms, searchable, starting_images
+from .histograms import enlarge, linear_vote_spec, recover_histograms, starting_images
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, Priors, as_priors
 from .prior.terms import CoarserDescriptor
 from .published import reconstruct_as_published, smoothness_for
-from .reconstruction import Reconstruction, Values, of_the_kind, relative_distance
+from .reconstruction import Reconstruction, Values, convert_like, relative_distance
 from .signs import negated, negatives
 
 SCALES = (64, 16, 4, 1)
@@ -144,7 +144,7 @@ def reconstruct_multiscale(
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the scales do not fall, or one does not exist for this
-            image and cell size; there is not one descriptor for each.
+            image and cell size; there is not same_descriptor descriptor for each.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
@@ -154,16 +154,16 @@ def reconstruct_multiscale(
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
     spec = as_spec(spec)
-    one = isinstance(descriptors, Tensor | np.ndarray)
+    same_descriptor = isinstance(descriptors, Tensor | np.ndarray)
     several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
     targets = [descriptors_as_tensor(descriptor) for descriptor in several]
     published = as_published(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
-    plan = _plan(targets, one, spec, image_size, scales, search, published)
+    plan = _plan_levels(targets, same_descriptor, spec, image_size, scales, search, published)
     of_package = published is None and search.samples is None
     learned, start, expected = as_priors(prior, spec, by_default=of_package), None, None
-    if one and published is None:
+    if same_descriptor and published is None:
         start, expected = _first_images(plan, spec, seed, learned)
     levels: list[Level] = []
     for number, step in enumerate(plan):
@@ -189,7 +189,7 @@ def reconstruct_multiscale(
                 expected=expected,
                 learned=learned if step is plan[-1] else None,
                 search=step.search,
-                objective=objective if one else _with_coarser(objective, plan[:number], step),
+                objective=objective if same_descriptor else _with_coarser(objective, plan[:number], step),
                 fix_polarity=False,
                 progress=report,
             )
@@ -197,13 +197,13 @@ def reconstruct_multiscale(
     if not spec.signed and published is None:
         levels = _fix_polarity(levels, [step.descriptor for step in plan])
     return [
-        Level(level.scale, level.spec, of_the_kind(level.reconstruction, descriptor))
+        Level(level.scale, level.spec, convert_like(level.reconstruction, descriptor))
         for level, descriptor in zip(levels, several, strict=True)
     ]
 
 
 @dataclass(frozen=True)
-class _Step:
+class _LevelSettings:
     """The inputs of a level."""
 
     scale: int
@@ -215,33 +215,33 @@ class _Step:
     most: int  # evaluations, or iterations of the paper's search
 
 
-def _plan(
+def _plan_levels(
     descriptors: Sequence[Tensor],
-    one: bool,
+    same_descriptor: bool,
     spec: HOGSpec,
     image_size: Sequence[int] | None,
     scales: Sequence[int],
     search: Search,
     published: AsPublished | None,
-) -> list[_Step]:
-    """The inputs of each level, all checked before any work; with ``one``, all match one descriptor."""
+) -> list[_LevelSettings]:
+    """The inputs of each level, all checked before any work; with ``same_descriptor``, all match one descriptor."""
     if not scales or any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(descriptors) != len(scales):
         raise ValueError(f"expected one descriptor per scale, {len(scales)} in all, got {len(descriptors)}")
     most = search.max_evaluations
     if most is None:
-        best = quality_of("best")
+        best = find_quality("best")
         most = best.evaluations if spec.signed else best.without_samples
     # the grid is the same at each level
     size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
-    steps: list[_Step] = []
+    steps: list[_LevelSettings] = []
     for scale, descriptor in zip(scales, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)
-        check_descriptor(descriptor, *((spec, size) if one else (small, small_size)))
+        check_descriptor(descriptor, *((spec, size) if same_descriptor else (small, small_size)))
         # at the same contrast, 1/s of the pixels with differences √s times as large make 1/√s of the votes
         contrast = scale**0.25 if spec.normalizer.fixes_contrast else 1.0
-        target = descriptor.detach() / contrast if one and contrast != 1 else descriptor.detach()
+        target = descriptor.detach() / contrast if same_descriptor and contrast != 1 else descriptor.detach()
         last = len(steps) + 1 == len(scales)
         budget = most if last else min(BEFORE_THE_LAST, max(2, most // 4))
         few, own = None, replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
@@ -249,23 +249,23 @@ def _plan(
             budget = published.iterations if last else max(1, published.iterations // 4)
             # with ξ scaled like the descriptor, the smoothness has the same share as at full size
             few = replace(published, iterations=budget, smoothness=smoothness_for(published, spec) / contrast)
-        steps.append(_Step(scale, small, small_size, target, few, own, budget))
+        steps.append(_LevelSettings(scale, small, small_size, target, few, own, budget))
     return steps
 
 
 def _report(
-    progress: Callable[[int, int], None] | None, plan: Sequence[_Step], number: int
+    progress: Callable[[int, int], None] | None, plan: Sequence[_LevelSettings], number: int
 ) -> Callable[[int, int], None] | None:
     """``progress`` over all levels, called by the level ``number``."""
     before, most = (sum(step.most for step in steps) for steps in (plan[:number], plan))
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 
-def _with_coarser(objective: Objective, before: Sequence[_Step], step: _Step) -> Objective:
+def _with_coarser(objective: Objective, before: Sequence[_LevelSettings], step: _LevelSettings) -> Objective:
     """``objective``, and that the image, shrunk, has the descriptors of the levels ``before``."""
     priors = [
-        CoarserDescriptor(COARSER_WEIGHT, each.descriptor, searchable(each.spec), step.size[0] // each.size[0])
-        for each in before
+        CoarserDescriptor(COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), step.size[0] // small.size[0])
+        for small in before
     ]
     return replace(objective, priors=(*objective.priors, *priors))
 
@@ -284,7 +284,7 @@ def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Le
 
 
 def _first_images(
-    plan: Sequence[_Step], spec: HOGSpec, seed: int, learned: Priors | None
+    plan: Sequence[_LevelSettings], spec: HOGSpec, seed: int, learned: Priors | None
 ) -> tuple[Tensor | None, Tensor | None]:
     """Start and expected image of the first level, where all levels match one descriptor.
 

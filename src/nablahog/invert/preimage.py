@@ -27,14 +27,22 @@ from .arguments import (
     check_descriptor,
     check_images,
     descriptors_as_tensor,
-    quality_of,
+    find_quality,
 )
 from .choices import InversionMethod, QualityName
-from .histograms import NOISE, at_contrast, in_pairs, near_expected, recover_histograms, searchable, starting_images
+from .histograms import (
+    START_NOISE,
+    linear_vote_spec,
+    match_contrast,
+    pair_noise,
+    recover_histograms,
+    start_near,
+    starting_images,
+)
 from .prior.learned import LearnedPrior, PriorChoice, Priors, as_priors
-from .prior.terms import Prior, Range, RelativeSmoothness
+from .prior.terms import GrayRange, Prior, RelativeSmoothness
 from .published import reconstruct_as_published
-from .reconstruction import Reconstruction, Watch, at_start, of_the_kind, parts, reconstruction_of, to_unit_range
+from .reconstruction import Reconstruction, Watch, at_start, convert_like, parts, reconstruction_of, to_unit_range
 from .search import PreimageSearch
 from .signs import negated, negatives
 from .unknowns import low_pass
@@ -44,12 +52,12 @@ LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are d
 RANGE_WEIGHT = 100.0  # of the mean squared excess of gray values over 0…1
 SPREAD = 0.3  # standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
 ENOUGH = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
-SMOOTHING = 0.9  # pixels: the samples agree on coarser structures only
+AGREEMENT_SIGMA = 0.9  # pixels: the samples agree on coarser structures only
 CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and for the image expected for an unsigned descriptor, before details
 BY_PRIOR = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
 BEFORE_DETAILS = 0.3  # share of evaluations for an unsigned descriptor before a second prior adds details
 MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
-SHARE = 0.4  # of a GPU's free memory, instead
+BATCH_MEMORY_SHARE = 0.4  # of a GPU's free memory, instead
 VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
 GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
@@ -143,7 +151,7 @@ def reconstruct(
         result = reconstruct_as_published(
             targets, spec, size, published, seed=seed, start=start, progress=progress, watch=watch
         )
-        return of_the_kind(result, descriptor)
+        return convert_like(result, descriptor)
     expected = check_images("expected", expected, targets, size, spec)
     learned = as_priors(prior, spec, by_default=expected is None and search.samples is None)
     if learned is not None and expected is not None:
@@ -162,7 +170,7 @@ def reconstruct(
         progress=progress,
         watch=watch,
     )
-    return of_the_kind(replace(result, seconds=time.perf_counter() - began), descriptor)
+    return convert_like(replace(result, seconds=time.perf_counter() - began), descriptor)
 
 
 def search_preimages(
@@ -187,26 +195,26 @@ def search_preimages(
     that are not given, and gives the details and the confidence in the polarity.  With ``fix_polarity``, an image for
     an unsigned descriptor is replaced by its negative if that is likelier.
     """
-    spec = searchable(dialect)
+    spec = linear_vote_spec(dialect)
     draws = expected is None and learned is None and (spec.signed or start is not None)
-    plan = _plan(spec, quality, seed, search, objective, draws, learned)
-    on_histograms = quality_of(quality).on_histograms
+    settings = _choose_settings(spec, quality, seed, search, objective, draws, learned)
+    on_histograms = find_quality(quality).on_histograms
     vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and targets.device.type != "cpu")
-    of_one = plan.samples * vectors * size[0] * size[1] * targets.element_size()
-    at_once = max(1, memory_for(targets.device, MEMORY, SHARE) // of_one)
+    bytes_per_image = settings.samples * vectors * size[0] * size[1] * targets.element_size()
+    at_once = max(1, memory_for(targets.device, MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
     searches, images, confidences = [], [], []
     for part, report in parts(len(targets), at_once, progress):
-        own = [prior.of(part) for prior in plan.priors]
-        budget = plan.max_evaluations
-        made = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
-        searches.append(made)
+        own = [prior.select(part) for prior in settings.priors]
+        budget = settings.max_evaluations
+        image_search = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
+        searches.append(image_search)
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
         votes = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
         if learned is not None and own_expected is None:
             own_expected = learned.own.expected(targets[part], dialect, size, votes)
             if watch is not None:
                 watch(at_start(own_expected, targets[part], dialect, part))
-        images.append(to_unit_range(_preimages(made, votes, own_start, own_expected, plan), spec))
+        images.append(to_unit_range(_preimages(image_search, votes, own_start, own_expected, settings), spec))
         if learned is not None and not spec.signed:
             confidences.append(learned.own.polarity_confidence(images[-1], targets[part], dialect, votes))
     image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
@@ -218,7 +226,7 @@ def search_preimages(
     return replace(reconstruction_of(image, targets, dialect, searches), polarity_confidence=confidence)
 
 
-class _Plan(NamedTuple):
+class _SearchSettings(NamedTuple):
     """The options of a reconstruction, with all defaults filled in; ``samples`` is 1 where none are drawn."""
 
     seed: int
@@ -230,7 +238,7 @@ class _Plan(NamedTuple):
     details: LearnedPrior | None
 
 
-def _plan(
+def _choose_settings(
     spec: HOGSpec,
     quality: QualityName,
     seed: int,
@@ -238,8 +246,8 @@ def _plan(
     objective: Objective,
     draws: bool,
     learned: Priors | None,
-) -> _Plan:
-    effort = quality_of(quality)
+) -> _SearchSettings:
+    effort = find_quality(quality)
     samples = (search.samples or effort.samples) if draws else 1
     alone = effort.with_prior if learned is not None and spec.signed else effort.without_samples
     most = search.max_evaluations or (effort.evaluations if samples > 1 else alone)
@@ -248,48 +256,47 @@ def _plan(
     if objective.closeness is not None:
         closeness = to_details = objective.closeness
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
-    gray_values = (Range(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
+    gray_values = (GrayRange(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
-    details = None if learned is None else learned.details
-    return _Plan(seed, most, samples, closeness, to_details, priors, details)
+    return _SearchSettings(seed, most, samples, closeness, to_details, priors, learned and learned.details)
 
 
 def _preimages(
-    search: PreimageSearch, votes: Tensor, start: Tensor | None, expected: Tensor | None, plan: _Plan
+    search: PreimageSearch, votes: Tensor, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
 ) -> Tensor:
     """Images (B, 1, H, W) that have the descriptors, of any contrast, from the histograms ``votes``."""
-    spec, details = search.spec, plan.details
+    spec, details = search.spec, settings.details
     if expected is None and start is None and not spec.signed:
-        expected = starting_images(votes, spec, *search.size, 1, plan.seed)[:, 0]
+        expected = starting_images(votes, spec, *search.size, 1, settings.seed)[:, 0]
     if expected is None:
-        start, expected = _mean_of_samples(search, votes, start, plan)
+        start, expected = _mean_of_samples(search, votes, start, settings)
     else:
-        start, expected = near_expected(votes, spec, start, expected, plan.seed)
+        start, expected = start_near(votes, spec, start, expected, settings.seed)
     if details is None:
-        return search.match(start.unsqueeze(1), None, search.left(), expected, plan.closeness)[:, 0]
-    budget = max(1, round(BEFORE_DETAILS * search.left()))
-    image = search.match(start.unsqueeze(1), None, budget, expected, plan.closeness)[:, 0]
+        return search.match_descriptor(start, expected, settings.closeness)
+    budget = max(1, round(BEFORE_DETAILS * search.remaining_evaluations()))
+    image = search.match_descriptor(start, expected, settings.closeness, budget)
     directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
     signed = hog(to_unit_range(image, directed), directed)
-    expected = at_contrast(details.expected(signed, directed, search.size), votes, spec)
-    return search.match(expected.unsqueeze(1), None, search.left(), expected, plan.closeness_to_details)[:, 0]
+    expected = match_contrast(details.expected(signed, directed, search.size), votes, spec)
+    return search.match_descriptor(expected, expected, settings.closeness_to_details)
 
 
 def _mean_of_samples(
-    search: PreimageSearch, votes: Tensor, start: Tensor | None, plan: _Plan
+    search: PreimageSearch, votes: Tensor, start: Tensor | None, settings: _SearchSettings
 ) -> tuple[Tensor, Tensor | None]:
     """Start and expected image: the mean of samples with the histograms ``votes``; a single one is only a start."""
     spec, size = search.spec, search.size
     evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
-    count = max(1, min(plan.samples, evaluations // LEAST_EVALUATIONS))
-    spread = NOISE if count == 1 else SPREAD * min(1, evaluations // count / ENOUGH)
+    count = max(1, min(settings.samples, evaluations // LEAST_EVALUATIONS))
+    spread = START_NOISE if count == 1 else SPREAD * min(1, evaluations // count / ENOUGH)
     if start is None:
-        starts = starting_images(votes, spec, *size, count, plan.seed, spread)
+        starts = starting_images(votes, spec, *size, count, settings.seed, spread)
     else:
-        grain = in_pairs(votes, *size, count, plan.seed, spread)
-        starts = at_contrast(start, votes, spec).unsqueeze(1) + grain
+        grain = pair_noise(votes, *size, count, settings.seed, spread)
+        starts = match_contrast(start, votes, spec).unsqueeze(1) + grain
     mean = search.match(starts, votes, evaluations // count).mean(dim=1)
     if count == 1:
         return mean, None
-    mean = low_pass(mean, SMOOTHING)
+    mean = low_pass(mean, AGREEMENT_SIGMA)
     return mean, mean

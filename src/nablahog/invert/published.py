@@ -23,7 +23,7 @@ from ..hog.steps import normalize_reference
 from ..optimize import dogleg
 from ..runtime.pytorch import memory_for
 from .arguments import AsPublished
-from .histograms import noise, searchable
+from .histograms import linear_vote_spec, noise
 from .prior.terms import differences
 from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, parts, reconstruction_of
 from .unknowns import from_cosines, to_cosines
@@ -33,9 +33,9 @@ SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, 
 OF_FIXED_CONTRAST = 0.3, 1e-2  # the same where the descriptor fixes it
 CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, most iterations
 TRIALS = 50  # evaluations of an iteration besides the products of its step: far more than needed
-AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
-NUMBERS = 128  # held per pixel in a search, for vectors, their images and the graph; an estimate
-SHARE = 0.5  # of a GPU's free memory for searches
+PIXELS_AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
+NUMBERS_PER_PIXEL = 128  # held per pixel in a search, for vectors, their images and the graph; an estimate
+SEARCH_MEMORY_SHARE = 0.5  # of a GPU's free memory for searches
 DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
 
 
@@ -67,8 +67,9 @@ def reconstruct_as_published(
     spread = OF_FIXED_CONTRAST[1] if spec.normalizer.fixes_contrast else NOISE
     grain = noise(descriptor, height, width, 1, seed, spread)[0]
     first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
-    pixel = NUMBERS * descriptor.element_size()
-    at_once = max(1, memory_for(descriptor.device, AT_ONCE * pixel, SHARE) // (pixel * height * width))
+    pixel = NUMBERS_PER_PIXEL * descriptor.element_size()
+    memory = memory_for(descriptor.device, PIXELS_AT_ONCE * pixel, SEARCH_MEMORY_SHARE)
+    at_once = max(1, memory // (pixel * height * width))
     searches = []
     for part, report in parts(batch, at_once, progress):
         searches.append(_Search(descriptor[part], spec, size, options, watch, part))
@@ -112,7 +113,7 @@ class _Search(SearchRecord):
     ) -> None:
         super().__init__(descriptor, dialect, watch, part)
         self.options, smoothness = options, smoothness_for(options, dialect)
-        self.objective = PublishedObjective(descriptor, searchable(dialect), size, smoothness)
+        self.objective = PublishedObjective(descriptor, linear_vote_spec(dialect), size, smoothness)
 
     def run(self, start: Tensor, progress: Callable[[int, int], None] | None) -> None:
         options, self.image = self.options, start
@@ -171,7 +172,7 @@ class PublishedObjective:
     def images(self, points: Tensor) -> Tensor:
         return points.reshape(-1, 1, *self.size)
 
-    def of_neighbours(self, images: Tensor) -> Tensor:
+    def neighbour_differences(self, images: Tensor) -> Tensor:
         """ξ (i_p - i_q) over the neighbours of images (A, 1, H, W), each pair once: (A, K)."""
         return self.smoothness * torch.cat([d.flatten(1) for d in differences(images)], dim=1)
 
@@ -180,7 +181,7 @@ class PublishedObjective:
             points = points.detach().requires_grad_()
             images = self.images(points)
             difference = normalize(histograms(images, self.spec), self.spec) - self.descriptor[index]
-            value = torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1).square().sum(1)
+            value = torch.cat([difference.flatten(1), self.neighbour_differences(images)], dim=1).square().sum(1)
         (gradient,) = torch.autograd.grad(value.sum(), points)
         self.distance[index] = difference.detach().flatten(1).norm(dim=1) / self.length[index]
         return value.detach(), gradient
@@ -188,7 +189,7 @@ class PublishedObjective:
     def residuals(self, points: Tensor, index: Tensor) -> Tensor:
         images = self.images(points)
         difference = normalize_reference(histograms(images, self.spec), self.spec) - self.descriptor[index]
-        return torch.cat([difference.flatten(1), self.of_neighbours(images)], dim=1)
+        return torch.cat([difference.flatten(1), self.neighbour_differences(images)], dim=1)
 
     def linearize(self, points: Tensor, index: Tensor) -> PublishedJacobian:
         return PublishedJacobian(self, points)
@@ -210,7 +211,7 @@ class PublishedJacobian:
             described = normalize_reference(self._leaf, spec)
             self._cotangents = torch.zeros_like(described, requires_grad=True)
             (self._norm_vjp,) = torch.autograd.grad(described, self._leaf, self._cotangents, create_graph=True)
-            self._of_neighbours = objective.of_neighbours(self._images)
+            self._of_neighbours = objective.neighbour_differences(self._images)
         self._lengths = [described[0].numel(), self._of_neighbours.shape[1]]
         self.size = sum(self._lengths)
         self._spectrum = self._preconditioner()
@@ -218,14 +219,14 @@ class PublishedJacobian:
     @torch.no_grad()
     def jvp(self, vectors: Tensor) -> Tensor:
         images = self._objective.images(vectors)
-        return torch.cat([self._hog_jvp(images).flatten(1), self._objective.of_neighbours(images)], dim=1)
+        return torch.cat([self._hog_jvp(images).flatten(1), self._objective.neighbour_differences(images)], dim=1)
 
     @torch.no_grad()
     def vjp(self, vectors: Tensor) -> Tensor:
-        of_hog, of_neighbours = torch.split(vectors, self._lengths, dim=1)
+        of_hog, neighbour_differences = torch.split(vectors, self._lengths, dim=1)
         grad_descriptor = of_hog.reshape(self._descriptor.shape)
         (grad_cells,) = torch.autograd.grad(self._descriptor, self._leaf, grad_descriptor, retain_graph=True)
-        outputs, grads = (self._cells, self._of_neighbours), (grad_cells, of_neighbours)
+        outputs, grads = (self._cells, self._of_neighbours), (grad_cells, neighbour_differences)
         (grad_images,) = torch.autograd.grad(outputs, self._images, grads, retain_graph=True)
         return grad_images.flatten(1)
 

@@ -21,7 +21,7 @@ from ..hog.spec import HOGSpec
 from ..optimize import History, StopReason
 
 TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
-SHOWN = 4  # images of a batch, in a notebook and with their distances
+SHOWN_IMAGES = 4  # images of a batch, in a notebook and with their distances
 
 if TYPE_CHECKING:  # checkers know the package, which need not be installed: `typing` has defaults from Python 3.13 on
     import typing_extensions
@@ -70,8 +70,8 @@ class Reconstruction(Generic[Values]):
 
     def __repr__(self) -> str:
         """Shape and figures, not the pixels."""
-        distances = [f"{distance:.3g}" for distance in self.distance.reshape(-1)[:SHOWN].tolist()]
-        more = ", …" if len(self.stop_reason) > SHOWN else ""
+        distances = [f"{distance:.3g}" for distance in self.distance.reshape(-1)[:SHOWN_IMAGES].tolist()]
+        more = ", …" if len(self.stop_reason) > SHOWN_IMAGES else ""
         return (
             f"<Reconstruction image {'x'.join(map(str, self.image.shape))}, distance {', '.join(distances)}{more}, "
             f"{', '.join(dict.fromkeys(map(str, self.stop_reason)))}, {self.seconds:.1f} s>"
@@ -99,7 +99,7 @@ class Reconstruction(Generic[Values]):
 
         height, width = self.image.shape[-2:]
         pictures = []
-        for image in self.image.reshape(-1, height, width)[:SHOWN]:
+        for image in self.image.reshape(-1, height, width)[:SHOWN_IMAGES]:
             file = io.BytesIO()
             to_pil(image).save(file, format="PNG")
             png = base64.b64encode(file.getvalue()).decode("ascii")
@@ -145,7 +145,7 @@ def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tenso
     return residual / squared_norm(descriptor).sqrt()
 
 
-def of_the_kind(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:
+def convert_like(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:
     """``result`` as arrays, if ``descriptor`` is one, and without the batch axis, if it has none."""
     if isinstance(descriptor, Tensor):
         return result
@@ -236,9 +236,11 @@ def parts(
     """A batch in parts of at most ``at_once``, each with its share of ``progress``."""
     number = -(-count // at_once)
     for k in range(number):
-        yield slice(k * at_once, (k + 1) * at_once), share_of(progress, k, number)
+        yield slice(k * at_once, (k + 1) * at_once), scale_progress(progress, k, number)
 
 
-def share_of(progress: Callable[[int, int], None] | None, number: int, count: int) -> Callable[[int, int], None] | None:
+def scale_progress(
+    progress: Callable[[int, int], None] | None, number: int, count: int
+) -> Callable[[int, int], None] | None:
     """``progress`` over ``count`` equal parts of a reconstruction, to be called by the part ``number``."""
     return None if progress is None else lambda done, most: progress(number * most + done, count * most)

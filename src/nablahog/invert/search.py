@@ -12,20 +12,20 @@ from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..optimize import MINIMISERS, Minimiser
 from ..runtime.pytorch import memory_for
-from .histograms import searchable
+from .histograms import linear_vote_spec
 from .prior.terms import Prior
 from .reconstruction import SearchRecord, Watch, squared_norm
 from .unknowns import CosineBasis, FlatRegions
 
 VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
-COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
-SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need most of it
+VOTE_COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
+VOTE_MEMORY_SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need most of it
 
 
 def votes_at_once(like: Tensor) -> int:
     """How many votes of images may be held together, by dtype and device of ``like``."""
-    each = COPIES * like.element_size()
-    return max(1, memory_for(like.device, VOTES * each, SHARE) // each)
+    bytes_per_vote = VOTE_COPIES * like.element_size()
+    return max(1, memory_for(like.device, VOTES * bytes_per_vote, VOTE_MEMORY_SHARE) // bytes_per_vote)
 
 
 class PreimageObjective:
@@ -110,7 +110,7 @@ class PreimageObjective:
         if self.expected is not None:
             deviation = self._deviation(image, index) * self.closeness[index].sqrt().unsqueeze(1)
             distance = torch.cat([distance, deviation], dim=1)
-        return torch.cat([distance, *(prior.of(index).residuals(image) for prior in self.priors)], dim=1)
+        return torch.cat([distance, *(prior.select(index).residuals(image) for prior in self.priors)], dim=1)
 
     def _deviation(self, image: Tensor, index: Tensor) -> Tensor:
         """Î - Ī without its mean, (A, H·W)."""
@@ -142,7 +142,7 @@ class PreimageObjective:
         if self.expected is not None:
             value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:
-            value = value + prior.of(index)(image)
+            value = value + prior.select(index)(image)
         (gradient,) = torch.autograd.grad(value.sum(), image)
         return value.detach(), gradient, distance.detach().sqrt()
 
@@ -171,13 +171,13 @@ class PreimageSearch(SearchRecord):
         part: slice = slice(None),
     ) -> None:
         super().__init__(descriptor, dialect, watch, part)
-        self.spec, self.size, self.priors = searchable(dialect), size, priors
+        self.spec, self.size, self.priors = linear_vote_spec(dialect), size, priors
         self.basis = CosineBasis(*size, descriptor, EXPONENT)
         self.minimiser: Minimiser = minimiser
         self.max_evaluations, self.progress = max_evaluations, progress
         self._reported = self._assigned = self._calls = 0
 
-    def left(self) -> int:
+    def remaining_evaluations(self) -> int:
         """Evaluations for each descriptor that no :meth:`match` has been assigned yet; at least 1.
 
         Unused evaluations of a minimisation are not passed on: they differ from image to image of a batch.
@@ -200,17 +200,17 @@ class PreimageSearch(SearchRecord):
         self._assigned += budget * count
         before = self.evaluations
 
-        def each(x: Tensor) -> Tensor:
+        def repeat(x: Tensor) -> Tensor:
             return x.repeat_interleave(count, dim=0)
 
         objective = PreimageObjective(
-            each(self.descriptor),
-            None if votes is None else each(votes),
+            repeat(self.descriptor),
+            None if votes is None else repeat(votes),
             self.spec,
             self.basis,
-            FlatRegions(each(self.descriptor), self.spec, *self.size),
-            [prior.of(each(torch.arange(batch, device=starts.device))) for prior in self.priors],
-            None if expected is None else each(expected),
+            FlatRegions(repeat(self.descriptor), self.spec, *self.size),
+            [prior.select(repeat(torch.arange(batch, device=starts.device))) for prior in self.priors],
+            None if expected is None else repeat(expected),
             closeness,
             keep_images=self.watch is not None,
         )
@@ -225,6 +225,13 @@ class PreimageSearch(SearchRecord):
         self.evaluations = before + minimum.evaluations.view(batch, count).sum(dim=1)
         index = torch.arange(batch * count, device=starts.device)
         return objective.image(minimum.x, index).view(starts.shape)
+
+    def match_descriptor(
+        self, start: Tensor, expected: Tensor | None, closeness: float, budget: int | None = None
+    ) -> Tensor:
+        """Images (B, 1, H, W) with the descriptor, from ``start``, within ``budget`` evaluations or all that remain."""
+        budget = budget or self.remaining_evaluations()
+        return self.match(start.unsqueeze(1), None, budget, expected, closeness)[:, 0]
 
     def _report(self) -> None:
         if self.progress is None:

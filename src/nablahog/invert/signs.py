@@ -34,19 +34,19 @@ from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
 from ..hog.orientation import bin_angles, magnitude
 from ..hog.spec import HOGSpec
 
-SMOOTHING = 0.1  # μ: the mask [-1, 0, 1] splits the grid into four; this term couples them
+COUPLING = 0.1  # μ: the mask [-1, 0, 1] splits the grid into four; this term couples them
 TRUST = 0.1  # τ of cells of several pixels: their gradients may cancel, so that a is only an upper bound
 BACKGROUND = 0.5  # κ of cells of several pixels; cells of one pixel do not need it
 FAINT = 0.3  # of the mean cell's votes: cells below it count as flat
 DIMENSION = 12  # of the relaxed signs
-ITERATIONS = 300  # of the power method
+POWER_ITERATIONS = 300  # of the power method
 ROUNDINGS = 32  # random hyperplanes
 MAX_CELLS = 1024  # Q is dense; a larger grid is solved at half its resolution
 
-PATCH = 8  # pixels; an image smaller than that is one patch
+PATCH_PIXELS = 8  # pixels; an image smaller than that is one patch
 # mean gradient magnitudes of a patch, images in 0…1: upper limits of flat patches, lower limit of textured ones
 EXACTLY_FLAT, FLAT, TEXTURED = 0.002, 0.006, 0.04
-INVISIBLE = 1e-4  # standard deviation of detail, in 0…1, below which there is none
+INVISIBLE_STD = 1e-4  # standard deviation of detail, in 0…1, below which there is none
 LEAST_SHARE = 0.02  # of the patches: with fewer flat ones the cue is 0
 WEIGHTS = (3.0, 2.0, 0.8, 0.5)  # of the cues, chosen on exact photographs
 
@@ -122,7 +122,7 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float)
     strength = strength / torch.where(unit > 0, unit, 1)
     across = torch.cos(angle) * dx + torch.sin(angle) * dy
     along = torch.cos(angle) * dy - torch.sin(angle) * dx
-    fixed = SMOOTHING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
+    fixed = COUPLING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
     system = trust * across.mT @ across + along.mT @ along + fixed + background * _background(votes)
     pull = trust * across.mT * strength.mT
     # positive definite.  A general solver fails on batches of large systems in some builds, with two threads.
@@ -149,7 +149,7 @@ def _relax(energy: Tensor, seed: int) -> Tensor:
     vectors = normalize(vectors.to(energy).expand(len(energy), -1, -1), dim=2)
     free = energy - torch.diag_embed(torch.diagonal(energy, dim1=1, dim2=2))  # s_i² = 1 for any s
     shift = torch.linalg.matrix_norm(free, ord=2).reshape(-1, 1, 1) / 2  # half the shift that guarantees descent
-    for _ in range(ITERATIONS):
+    for _ in range(POWER_ITERATIONS):
         vectors = normalize(shift * vectors - free @ vectors, dim=2)
     return vectors
 
@@ -180,7 +180,7 @@ def brightness_cues(image: Tensor) -> Tensor:
     height, width = image.shape[-2:]
     dx = pad(image[..., :, 2:] - image[..., :, :-2], (1, 1)) if width > 2 else torch.zeros_like(image)
     dy = pad(image[..., 2:, :] - image[..., :-2, :], (0, 0, 1, 1)) if height > 2 else torch.zeros_like(image)
-    size = min(PATCH, height, width)
+    size = min(PATCH_PIXELS, height, width)
     strength, brightness = avg_pool2d(magnitude(dx, dy), size), avg_pool2d(image, size)
     textured = (strength > TEXTURED).to(image)
     cues = (
@@ -223,7 +223,7 @@ def _highlights(image: Tensor) -> Tensor:
     blurred = avg_pool2d(pad(image, (window // 2,) * 4, mode="reflect"), window, stride=1)
     detail = image - blurred
     energy = detail.square().mean(dim=(1, 2, 3))
-    visible = energy > INVISIBLE**2
+    visible = energy > INVISIBLE_STD**2
     return torch.where(visible, detail.pow(3).mean(dim=(1, 2, 3)) / torch.where(visible, energy, 1).pow(1.5), 0)
 
 

@@ -20,13 +20,13 @@ from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_axes, check_finite, descriptors_as_tensor
-from .histograms import at_nominal_contrast, searchable
+from .histograms import linear_vote_spec, set_nominal_contrast
 from .preimage import reconstruct
-from .reconstruction import Reconstruction, of_the_kind, relative_distance, share_of, to_unit_range
+from .reconstruction import Reconstruction, convert_like, relative_distance, scale_progress, to_unit_range
 
 EMPHASIS = 2.0  # power of the weights: the few strong ones make the shape, the many weak ones are noise
-SAMPLES = 6  # pre-images of an unsigned template, which are averaged
-SMOOTHNESS = 0.3  # ξ: no image fits a template exactly, and with less the image would fit its noise
+TEMPLATE_SAMPLES = 6  # pre-images of an unsigned template, which are averaged
+TEMPLATE_SMOOTHNESS = 0.3  # ξ: no image fits a template exactly, and with less the image would fit its noise
 
 
 def template_descriptor(
@@ -76,7 +76,7 @@ def template_descriptor(
     histograms = with_margin(histograms, dialect)  # cells that the descriptor leaves out have no weights
     alignment = CellAlignment(dialect, size, histograms)
     histograms = alignment.restore(alignment(histograms)).repeat(1, dialect.colours, 1, 1)
-    descriptor = normalize_reference(at_nominal_contrast(histograms, dialect, size), dialect)
+    descriptor = normalize_reference(set_nominal_contrast(histograms, dialect, size), dialect)
     descriptor = descriptor.permute(0, 2, 3, 1).contiguous()
     return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
 
@@ -116,8 +116,8 @@ def reconstruct_template(
     """
     spec = as_spec(spec)
     descriptor = descriptors_as_tensor(template_descriptor(weights, spec, image_size, negative=negative))
-    signed = searchable(spec).signed
-    count = 1 if signed else SAMPLES
+    signed = linear_vote_spec(spec).signed
+    count = 1 if signed else TEMPLATE_SAMPLES
     results = [
         reconstruct(
             descriptor,
@@ -127,12 +127,12 @@ def reconstruct_template(
             seed=seed + number,
             prior=None,
             search=Search(max_evaluations=max_evaluations),
-            objective=Objective(smoothness=SMOOTHNESS),
-            progress=share_of(progress, number, count),
+            objective=Objective(smoothness=TEMPLATE_SMOOTHNESS),
+            progress=scale_progress(progress, number, count),
         )
         for number in range(count)
     ]
-    return of_the_kind(results[0] if signed else _mean(results, descriptor, spec), weights)
+    return convert_like(results[0] if signed else _mean(results, descriptor, spec), weights)
 
 
 def _mean(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) -> Reconstruction:

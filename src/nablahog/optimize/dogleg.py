@@ -151,9 +151,9 @@ class DoglegSearch:
         """The trial of each problem; those that it lowers move."""
         running, newton = self.running, self.newton
         assert newton is not None
-        of_cauchy, of_newton = path_weights(newton.cauchy, newton.step, self.radius)
-        step = of_cauchy * newton.cauchy + of_newton * newton.step
-        image = of_cauchy * newton.cauchy_image + of_newton * newton.image
+        cauchy_weight, newton_weight = path_weights(newton.cauchy, newton.step, self.radius)
+        step = cauchy_weight * newton.cauchy + newton_weight * newton.step
+        image = cauchy_weight * newton.cauchy_image + newton_weight * newton.image
         length = step.norm(dim=1)
         self.radius = torch.where(self.radius.isinf(), length, self.radius)
         running.end({StopReason.STEP: self.rules.short(length, self.x)})
@@ -239,8 +239,8 @@ def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor
     along, room = (cauchy * leg).sum(1), radius.square() - length.square()
     t = room / (along + (along.square() + leg.square().sum(1) * room).sqrt())
     t = torch.where(newton.norm(dim=1) <= radius, 1, t)
-    of_cauchy, of_newton = torch.where(outside, radius / length, 1 - t), torch.where(outside, 0, t)
-    return of_cauchy.unsqueeze(1), of_newton.unsqueeze(1)
+    cauchy_weight, newton_weight = torch.where(outside, radius / length, 1 - t), torch.where(outside, 0, t)
+    return cauchy_weight.unsqueeze(1), newton_weight.unsqueeze(1)
 
 
 def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) -> Tensor:
@@ -248,11 +248,11 @@ def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) 
     grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
     # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
     return torch.where(
-        accepted, torch.where(gain >= BAD, grown, SHRUNK * radius), shrunk_below(SHRUNK * radius, length)
+        accepted, torch.where(gain >= BAD, grown, SHRUNK * radius), shrink_below(SHRUNK * radius, length)
     )
 
 
-def shrunk_below(radius: Tensor, length: Tensor) -> Tensor:
+def shrink_below(radius: Tensor, length: Tensor) -> Tensor:
     """Radii (A,), as often a quarter of them as it takes to be less than lengths (A,) above 0."""
     times = (torch.log2(radius / length) / 2).floor().clamp(min=-1) + 1
     times = torch.where((times > 0) & (torch.ldexp(radius, 2 - 2 * times) < length), times - 1, times)  # rounding

@@ -28,8 +28,8 @@ from .problems import (
     array_namespace,
     as_numbers,
     may_hold,
-    of_rows,
     rows_where,
+    select_rows,
 )
 
 _REALS = native.array(np.float32, np.float64)
@@ -120,11 +120,11 @@ class Vectors:
     def keep(self, rows: Tensor) -> None:
         """Keeps only the problems ``rows`` (A',), on the CPU, most of which are where they will be."""
         moved = (rows != torch.arange(len(rows))).nonzero().squeeze(1)
-        self._all[moved.to(self._all.device, non_blocking=True)] = of_rows(self._all, rows[moved])
+        self._all[moved.to(self._all.device, non_blocking=True)] = select_rows(self._all, rows[moved])
         self._all = self._all[: len(rows)]
         self._name_rows(self.x.shape[1])
         self._newest, self.slopes, self.peaks = (
-            of_rows(each, rows) for each in (self._newest, self.slopes, self.peaks)
+            select_rows(each, rows) for each in (self._newest, self.slopes, self.peaks)
         )
 
 
@@ -191,7 +191,7 @@ class LbfgsSearch:
         rows = running.look(vectors.x, state.values)
         if rows is not None:
             vectors.keep(rows)
-            self.state = SearchState(*(of_rows(each, rows) for each in self.state))
+            self.state = SearchState(*(select_rows(each, rows) for each in self.state))
 
 
 def lbfgs(

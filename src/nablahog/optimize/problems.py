@@ -161,7 +161,7 @@ def array_namespace(numbers: Numbers) -> ModuleType:
     return np if isinstance(numbers, np.ndarray) else torch
 
 
-def of_rows(numbers: Numbers, rows: Tensor) -> Numbers:
+def select_rows(numbers: Numbers, rows: Tensor) -> Numbers:
     """Some rows (A',), given on the CPU, of numbers (A, …)."""
     return numbers[rows.to(numbers.device, non_blocking=True) if isinstance(numbers, Tensor) else rows.numpy()]
 
@@ -252,9 +252,9 @@ class Running:
         others[ended[:count]] = count + (~ended[count:]).nonzero().squeeze(1)
         self._problems = self._problems[others]
         self.index, self.codes, self.evaluations = (
-            of_rows(each, others) for each in (self.index, self.codes, self.evaluations)
+            select_rows(each, others) for each in (self.index, self.codes, self.evaluations)
         )
-        self._lowest, self._recent = of_rows(self._lowest, others), of_rows(self._recent.T, others).T
+        self._lowest, self._recent = select_rows(self._lowest, others), select_rows(self._recent.T, others).T
         return others
 
     def minimum(self, x: Tensor, values: Numbers) -> Minimum:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec, hog, presets
 from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
-from ..invert.histograms import enlarge, searchable
+from ..invert.histograms import enlarge, linear_vote_spec
 from ..invert.multiscale import SCALES, level_spec
 from ..jobs.worker import local_path
 from .baselines.cnn_hog import CNNHOG
@@ -149,7 +149,7 @@ def _search(
     """The method that runs :func:`_searched` with these options."""
     priors: tuple[str, ...] = ()
     if learned:
-        priors = ("prior",) if searchable(spec).signed else ("unsigned-prior", "prior")
+        priors = ("prior",) if linear_vote_spec(spec).signed else ("unsigned-prior", "prior")
     run = partial(_searched, spec=spec, scales=scales, published=published, priors=priors)
     return Method(name, group, run, spec, scales is not None, priors, asked)
 

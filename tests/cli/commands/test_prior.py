@@ -73,7 +73,7 @@ def test_an_installation_without_priors(
 ) -> None:
     without = _inverted(photo, tmp_path / "without", "--preset", "paper", "--prior", "none")
     capsys.readouterr()
-    monkeypatch.setattr("nablahog.invert.prior.learned.FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.prior.learned.PRIOR_FOLDER", tmp_path)
     assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")

@@ -16,19 +16,19 @@ from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ..arguments import check_descriptor
-from ..histograms import at_contrast, searchable, starting_images
+from ..histograms import linear_vote_spec, match_contrast, starting_images
 from ..unknowns import low_pass
 from .provenance import NetworkLearning
-from .signed_network import SEEN, Architecture, PriorNetwork, SignedNetwork
+from .signed_network import TRAINING_CELLS, Architecture, PriorNetwork, SignedNetwork
 from .unsigned_network import UnsignedNetwork
 
-FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
-SMALL = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
+PRIOR_FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
+SMALL_CELL_PIXELS = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 
 def network_class(spec: HOGSpec) -> type[PriorNetwork]:
     """The class of networks for descriptors of ``spec``; ValueError if these cannot be inverted."""
-    return SignedNetwork if searchable(spec).signed else UnsignedNetwork
+    return SignedNetwork if linear_vote_spec(spec).signed else UnsignedNetwork
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,7 +77,7 @@ class LearnedPrior(LearnedModel):
     @cached_property
     def signed(self) -> bool:
         """Whether it is for signed descriptors."""
-        return searchable(self.spec).signed
+        return linear_vote_spec(self.spec).signed
 
     @property
     def summary(self) -> str:
@@ -95,7 +95,7 @@ class LearnedPrior(LearnedModel):
     def check(self, spec: HOGSpec | str) -> None:
         """Raises ValueError if it was not trained for descriptors like those of ``spec``."""
         spec = as_spec(spec)
-        own, other = ("signed" if signed else "unsigned" for signed in (self.signed, searchable(spec).signed))
+        own, other = ("signed" if signed else "unsigned" for signed in (self.signed, linear_vote_spec(spec).signed))
         if own != other:
             raise ValueError(f"the {self.NOUN} is for {own} descriptors, but {spec.named} descriptor is {other}")
 
@@ -122,9 +122,9 @@ class LearnedPrior(LearnedModel):
         network = self._network_for(descriptor, spec, image_size)
         given = None if votes is None else votes.float()
         images, votes = network.predict(descriptor.float(), spec, image_size, given)
-        images = at_contrast(images, votes, searchable(spec))
+        images = match_contrast(images, votes, linear_vote_spec(spec))
         if spec.signed:
-            images = _with_integral(images, votes, searchable(spec))
+            images = _with_integral(images, votes, linear_vote_spec(spec))
         return images.to(descriptor.dtype)
 
     @torch.no_grad()
@@ -144,7 +144,7 @@ class LearnedPrior(LearnedModel):
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
         draws, votes = network.draws(descriptor.float(), spec, image_size, count, seed)
-        images = at_contrast(draws, votes.repeat_interleave(count, dim=0), searchable(spec))
+        images = match_contrast(draws, votes.repeat_interleave(count, dim=0), linear_vote_spec(spec))
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
     @torch.no_grad()
@@ -194,7 +194,7 @@ def _with_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     """
     height, width = images.shape[2:]
     side = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
-    sigma = side * max(1.0, (side / SMALL) ** 3 * min(1.0, SEEN / (max(height, width) / side)))
+    sigma = side * max(1.0, (side / SMALL_CELL_PIXELS) ** 3 * min(1.0, TRAINING_CELLS / (max(height, width) / side)))
     integrals = starting_images(votes, spec, height, width, 1, 0, spread=0.0)[:, 0]
     return images + low_pass(integrals - images, sigma)
 
@@ -223,7 +223,7 @@ def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> 
         prior = default_priors(spec)
     if isinstance(prior, str) or not all(isinstance(each, LearnedPrior) for each in prior):
         raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {prior!r}")
-    signed = searchable(spec).signed
+    signed = linear_vote_spec(spec).signed
     by_signs = {each.signed: each for each in prior if isinstance(each, LearnedPrior)}
     if signed not in by_signs or len(by_signs) < len(prior):
         kind = "signed" if signed else "unsigned"
@@ -234,10 +234,10 @@ def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> 
 def default_prior_file(spec: HOGSpec | str) -> Path | None:
     """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted."""
     try:
-        signed = searchable(as_spec(spec)).signed
+        signed = linear_vote_spec(as_spec(spec)).signed
     except ValueError:
         return None
-    return FOLDER / ("signed.npz" if signed else "unsigned.npz")
+    return PRIOR_FOLDER / ("signed.npz" if signed else "unsigned.npz")
 
 
 def default_prior(spec: HOGSpec | str) -> LearnedPrior:

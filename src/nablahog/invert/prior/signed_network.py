@@ -2,10 +2,10 @@
 
 The latter maps the histograms of cells to the expected image.  Its inputs are the histograms recovered from a
 descriptor, their UoCTTI descriptor, and the image that they integrate to (:mod:`.histograms`), to which it predicts a
-correction.  Images are enlarged or shrunk to cells of :data:`CELL` pixels, since the statistics of photographs hardly
-depend on scale.  They are normalised by the variance among the :data:`SEEN` × :data:`SEEN` cells around each pixel, as
-many as the network was trained on, and by the mean among four times as many: beside a mountain a sky has little
-contrast, and would get the mountain's noise.
+correction.  Images are enlarged or shrunk to cells of :data:`CELL_PIXELS` pixels, since the statistics of photographs
+hardly depend on scale.  They are normalised by the variance among the cells around each pixel, as many as the network
+was trained on (:data:`TRAINING_CELLS` along a side), and by the mean among four times as many: beside a mountain a sky
+has little contrast, and would get the mountain's noise.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from ...hog import presets
 from ...hog.spec import HOGSpec
 from ...hog.steps import normalize_reference
 from ..histograms import (
-    at_nominal_contrast,
-    cells_in_bins,
     integrate,
+    linear_vote_spec,
     mean_gradient,
+    rebin_cells,
     recover_histograms,
-    searchable,
+    set_nominal_contrast,
 )
 
-MOMENTUM = 0.02  # of the running means and variances of channels
+CHANNEL_MOMENTUM = 0.02  # of the running means and variances of channels
 
-CELL = 8  # pixels of a cell in the network's images, along each axis
-SEEN = 16  # cells along a side of most images in training
-FINER = 2  # pixels of these images, along each axis, per pixel at the network's last resolution
-BINS = 18  # of 20° each
-SPEC = presets.uoctti(CELL)  # of its inputs
-FLAT = 0.01 * SPEC.value_range  # standard deviation below which an image counts as flat
+CELL_PIXELS = 8  # pixels of a cell in the network's images, along each axis
+TRAINING_CELLS = 16  # cells along a side of most images in training
+PIXELS_PER_OUTPUT = 2  # pixels of these images, along each axis, per pixel at the network's last resolution
+SIGNED_BINS = 18  # of 20° each
+INPUT_SPEC = presets.uoctti(CELL_PIXELS)  # of its inputs
+FLAT_STD = 0.01 * INPUT_SPEC.value_range  # standard deviation below which an image counts as flat
 _DESCRIPTOR, _VOTES = 5.0, 3.84  # factors that scale descriptor entries and votes per pixel to about 1
-_CHANNELS = BINS + SPEC.channels + CELL**2
+_CHANNELS = SIGNED_BINS + INPUT_SPEC.channels + CELL_PIXELS**2
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class PriorNetwork(nn.Module, ABC):
 
         ``votes``: the former, if they are there already.
         """
-        spec = searchable(spec)
+        spec = linear_vote_spec(spec)
         votes = recover_histograms(descriptor, spec, size) if votes is None else votes
         return votes, cls.cell_votes(votes, spec, size)
 
@@ -124,7 +124,7 @@ class ResidualBlock(nn.Module):
     def __init__(self, width: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.a, self.b = (nn.Conv2d(width, width, 3, padding=1) for _ in range(2))
-        self.normalise_a, self.normalise_b = (nn.BatchNorm2d(width, momentum=MOMENTUM) for _ in range(2))
+        self.normalise_a, self.normalise_b = (nn.BatchNorm2d(width, momentum=CHANNEL_MOMENTUM) for _ in range(2))
         self.dropout = nn.Dropout2d(dropout)
         set_to_zero(self.b)
 
@@ -155,15 +155,15 @@ class NetworkInputs(NamedTuple):
 @torch.no_grad()
 def network_inputs(votes: Tensor) -> NetworkInputs:
     """The inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.cell_votes`, of any scale."""
-    size = CELL * votes.shape[2], CELL * votes.shape[3]
-    votes = at_nominal_contrast(votes, SPEC, size)
-    integral = integrate(*mean_gradient(votes, SPEC, *size))
-    variance = _mean_around(integral.square(), SEEN) - _mean_around(integral, SEEN).square()
-    mean, contrast = _mean_around(integral, 2 * SEEN), variance.clamp(min=FLAT**2).sqrt()
+    size = CELL_PIXELS * votes.shape[2], CELL_PIXELS * votes.shape[3]
+    votes = set_nominal_contrast(votes, INPUT_SPEC, size)
+    integral = integrate(*mean_gradient(votes, INPUT_SPEC, *size))
+    variance = _mean_around(integral.square(), TRAINING_CELLS) - _mean_around(integral, TRAINING_CELLS).square()
+    mean, contrast = _mean_around(integral, 2 * TRAINING_CELLS), variance.clamp(min=FLAT_STD**2).sqrt()
     integral = (integral - _at_pixels(mean)) / _at_pixels(contrast)
-    of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL**2))
-    entries = normalize_reference(votes, SPEC) * _DESCRIPTOR
-    cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL)], dim=1)
+    of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL_PIXELS**2))
+    entries = normalize_reference(votes, INPUT_SPEC) * _DESCRIPTOR
+    cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL_PIXELS)], dim=1)
     return NetworkInputs(cells, integral, contrast, mean)
 
 
@@ -172,7 +172,7 @@ def _mean_around(images: Tensor, side: int) -> Tensor:
 
     Of smaller images it is the mean of the whole; near the border it is that of the outermost such square.
     """
-    cells = avg_pool2d(images, CELL)
+    cells = avg_pool2d(images, CELL_PIXELS)
     rows, cols = (min(side, n) for n in cells.shape[2:])
     means = avg_pool2d(cells, (rows, cols), stride=1)
     left, right, top, bottom = (cols - 1) // 2, cols // 2, (rows - 1) // 2, rows // 2
@@ -181,7 +181,7 @@ def _mean_around(images: Tensor, side: int) -> Tensor:
 
 def _at_pixels(cells: Tensor) -> Tensor:
     """Values of cells (B, 1, R, C), interpolated at their pixels, (B, 1, 8R, 8C)."""
-    return interpolate(cells, scale_factor=CELL, mode="bilinear", align_corners=False)
+    return interpolate(cells, scale_factor=CELL_PIXELS, mode="bilinear", align_corners=False)
 
 
 class SignedNetwork(PriorNetwork):
@@ -205,18 +205,18 @@ class SignedNetwork(PriorNetwork):
             if level + 1 < len(widths):
                 body += [nn.Conv2d(width, 4 * widths[level + 1], 1), nn.PixelShuffle(2)]
         self.body = nn.Sequential(*body)
-        self.out = nn.Conv2d(widths[-1], FINER**2, 3, padding=1)
+        self.out = nn.Conv2d(widths[-1], PIXELS_PER_OUTPUT**2, 3, padding=1)
         set_to_zero(self.out)
 
     @staticmethod
     def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 18, R, C), bins centred at 0°, 20°, …"""
-        return cells_in_bins(votes, spec, size, BINS, 0.0, 2 * math.pi)
+        return rebin_cells(votes, spec, size, SIGNED_BINS, 0.0, 2 * math.pi)
 
     @staticmethod
     def mirrored(votes: Tensor) -> Tensor:
         """θ becomes π - θ."""
-        return votes[:, [(BINS // 2 - k) % BINS for k in range(BINS)]].flip(3)
+        return votes[:, [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]].flip(3)
 
     def predict(
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
@@ -234,15 +234,15 @@ class SignedNetwork(PriorNetwork):
     def forward(self, cells: Tensor, integral: Tensor) -> Tensor:
         """Images of about zero mean and unit variance."""
         correction: Tensor = self.out(self.body(self.inp(cells)))
-        return self.gain * integral + pixel_shuffle(correction.float(), FINER)
+        return self.gain * integral + pixel_shuffle(correction.float(), PIXELS_PER_OUTPUT)
 
 
 def _resized(images: Tensor, cell_size: tuple[int, int], size: tuple[int, int]) -> Tensor:
-    """Images of cells of :data:`CELL` pixels to images (height, width) of cells of ``cell_size``.
+    """Images of cells of :data:`CELL_PIXELS` pixels to images (height, width) of cells of ``cell_size``.
 
     Pixels beyond the last cell repeat the last row or column.
     """
-    whole = [n // CELL * side for n, side in zip(images.shape[2:], cell_size, strict=True)]
+    whole = [n // CELL_PIXELS * side for n, side in zip(images.shape[2:], cell_size, strict=True)]
     if list(images.shape[2:]) != whole:
         images = interpolate(images, size=whole, mode="bicubic", align_corners=False, antialias=True)
     height, width = size

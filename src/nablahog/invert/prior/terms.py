@@ -23,7 +23,8 @@ from ...hog.orientation import magnitude, vanishing
 from ...hog.spec import HOGSpec
 from ...hog.steps import normalize_reference
 
-ROUNDING = 0.05  # of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
+# of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
+SMOOTHNESS_ROUNDING = 0.05
 
 _REALS = native.array(np.float32, np.float64)
 _smoothness = native.function("smoothness", c_bool, *[c_int64] * 3, *[c_double] * 2, *[_REALS] * 3)
@@ -41,7 +42,7 @@ def smoothness(image: Tensor) -> Tensor:
     two open.  This ratio is smallest where neighbours change monotonically, and grows with each such pattern.
     """
     neighbours, scale, pixels = _differences_and_scale(image)
-    rounding = (ROUNDING * scale).square().reshape(-1, 1, 1, 1)
+    rounding = (SMOOTHNESS_ROUNDING * scale).square().reshape(-1, 1, 1, 1)
     terms = [(d.square() + rounding).sqrt().sum(dim=(1, 2, 3)) for d in neighbours]
     return (terms[0] + terms[1]) / (pixels * scale)
 
@@ -63,7 +64,7 @@ class _Smoothness(torch.autograd.Function):
         images = images.detach().contiguous()
         double, out, ctx.slopes = images.dtype == torch.float64, images.new_empty(len(images)), torch.empty_like(images)
         shape = len(images), *images.shape[2:]
-        _smoothness(double, *shape, ROUNDING, vanishing(images.dtype), images, out, ctx.slopes)
+        _smoothness(double, *shape, SMOOTHNESS_ROUNDING, vanishing(images.dtype), images, out, ctx.slopes)
         return out
 
     @staticmethod
@@ -99,7 +100,7 @@ class Prior(ABC):
         """Images (A, 1, H, W) to the prior (A,)."""
         return self.weight * self.terms(image).square().sum(1)
 
-    def of(self, index: Tensor | slice) -> Prior:
+    def select(self, index: Tensor | slice) -> Prior:
         """The prior of the images ``index`` of a batch; most priors are the same for all images."""
         return self
 
@@ -116,10 +117,10 @@ class RelativeSmoothness(Prior):
         # √(d² + ε²) = (√(d² + ε²) - ε) + ε with ε a fixed share of the scale.  The bracket is the square of
         # d / √(√(d² + ε²) + ε), whose slope at d = 0 gives Gauss-Newton the curvature there; the rest is constant.
         neighbours, scale, pixels = _differences_and_scale(image)
-        rounding = ROUNDING * scale.unsqueeze(1)
+        rounding = SMOOTHNESS_ROUNDING * scale.unsqueeze(1)
         d = torch.cat([d.flatten(1) for d in neighbours], dim=1)
         bent = d / ((d.square() + rounding.square()).sqrt() + rounding).sqrt() / (pixels * scale.unsqueeze(1)).sqrt()
-        constant = (ROUNDING * d.shape[1] / pixels) ** 0.5
+        constant = (SMOOTHNESS_ROUNDING * d.shape[1] / pixels) ** 0.5
         return torch.cat([bent, torch.full_like(bent[:, :1], constant)], dim=1)
 
     def __call__(self, image: Tensor) -> Tensor:
@@ -130,7 +131,7 @@ class RelativeSmoothness(Prior):
 
 
 @dataclass(frozen=True)
-class Range(Prior):
+class GrayRange(Prior):
     """Mean squared excess of gray values over 0…1: where the descriptor fixes the contrast, no image exceeds them."""
 
     def terms(self, image: Tensor) -> Tensor:
@@ -147,7 +148,7 @@ class CoarserDescriptor(Prior):
     """
 
     descriptor: Tensor  # (B, rows, cols, channels), φ(I')
-    spec: HOGSpec  # its dialect, as :func:`.histograms.searchable` gives it
+    spec: HOGSpec  # its dialect, as :func:`.histograms.linear_vote_spec` gives it
     factor: int  # pixels covered by a pixel of I', along each axis
 
     def terms(self, image: Tensor) -> Tensor:
@@ -160,7 +161,7 @@ class CoarserDescriptor(Prior):
         difference = normalize(cells, self.spec) - self.descriptor.permute(0, 3, 1, 2)
         return self.weight * difference.square().sum(dim=(1, 2, 3)) * self._scale()
 
-    def of(self, index: Tensor | slice) -> CoarserDescriptor:
+    def select(self, index: Tensor | slice) -> CoarserDescriptor:
         return replace(self, descriptor=self.descriptor[index])
 
     def _scale(self) -> Tensor:

@@ -23,7 +23,7 @@ from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
 from ...runtime.pytorch import in_plain_mode, seeded
-from ..histograms import searchable
+from ..histograms import linear_vote_spec
 from .learned import LearnedPrior, network_class
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
 from .signed_network import Architecture
@@ -112,7 +112,7 @@ def train_prior(
     precision = precision or default_precision(device)
     check_choice("precision", precision, Precision)
     names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
-    kind = SignedTraining if searchable(spec).signed else UnsignedTraining
+    kind = SignedTraining if linear_vote_spec(spec).signed else UnsignedTraining
     training = kind({name: images[name] for name in names}, seed)
     if epochs is None:
         epochs = max(1, round(training.default_crops / training.crops))

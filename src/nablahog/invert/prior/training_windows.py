@@ -18,23 +18,22 @@ from ...hog import presets
 from ...hog.descriptor import histograms, hog
 from ...hog.spec import HOGSpec
 from ..histograms import recover_histograms
-from .signed_network import SEEN, SignedNetwork, network_inputs
-from .unsigned_network import FINER, MOST_CELLS, UnsignedNetwork, normalised, with_sign_of
+from .signed_network import CELL_PIXELS, TRAINING_CELLS, SignedNetwork, network_inputs
+from .unsigned_network import MAX_FIRST_CELLS, PIXELS_PER_CELL, UnsignedNetwork, align_sign, normalised
 
-BATCH = 32  # windows of at most :data:`SEEN` cells a side; of larger ones fewer
-CELL = 8  # pixels of the cells of a window
+WINDOWS_PER_BATCH = 32  # windows of at most :data:`TRAINING_CELLS` cells a side; of larger ones fewer
 HELD_OUT = 25  # one image of 25 is held out from training
-LEAST_CONTRAST = 0.02  # standard deviation in 0…1; windows below it have less weight
+LEAST_WINDOW_STD = 0.02  # standard deviation in 0…1; windows below it have less weight
 FEWEST = 8  # held-out images needed to calibrate the confidence
 
 SHRUNK = 0.5  # share of signed windows that are shrunk, where photographs are large enough
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
-UOCTTI, VLFEAT, DPM = presets.uoctti(CELL), presets.vlfeat(cell_size=CELL), presets.dpm(CELL)
-PIOTR, CNN_HOG = presets.piotr(CELL), presets.cnn_hog(CELL)
+UOCTTI, VLFEAT, DPM = presets.uoctti(CELL_PIXELS), presets.vlfeat(cell_size=CELL_PIXELS), presets.dpm(CELL_PIXELS)
+PIOTR, CNN_HOG = presets.piotr(CELL_PIXELS), presets.cnn_hog(CELL_PIXELS)
 
 LEAST_SIDE, LARGE = 0.5, 0.6  # least side of unsigned windows, relative to the largest possible; share of the largest
 TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows; most degrees; largest log-ratio of the stretches
-PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL), presets.skimage(), presets.opencv(), presets.maskfeat()
+PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL_PIXELS), presets.skimage(), presets.opencv(), presets.maskfeat()
 DALAL_TRIGGS = presets.dalal_triggs()
 # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 LOSSY = [OPENCV, MASKFEAT, DALAL_TRIGGS]
@@ -66,8 +65,8 @@ class WindowTraining(ABC):
         some = [each for k, each in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
         self.images, self.chances = [image for image, _ in some], [chance for _, chance in some]
         self.seed = seed
-        self.steps = max(1, len(self.images) // BATCH)
-        self.crops = self.steps * min(BATCH, len(self.images))
+        self.steps = max(1, len(self.images) // WINDOWS_PER_BATCH)
+        self.crops = self.steps * min(WINDOWS_PER_BATCH, len(self.images))
 
     @abstractmethod
     def loss(self, network: Any, batch: Any) -> Tensor:
@@ -82,7 +81,8 @@ class WindowTraining(ABC):
         for step in range(self.steps):
             rng = random.Random(f"{self.seed} {epoch} {step}")
             grid, specs = rng.choice(self.grids), rng.choice(self.dialects)
-            count = max(1, min(BATCH, len(self.images), BATCH * SEEN**2 // math.prod(grid)))
+            most = WINDOWS_PER_BATCH * TRAINING_CELLS**2 // math.prod(grid)
+            count = max(1, min(WINDOWS_PER_BATCH, len(self.images), most))
             images = rng.choices(self.images, self.chances, k=count)
             windows = self._changed(torch.cat([self._window(image, grid, rng) for image in images]), rng)
             parts = zip(windows.chunk(len(specs)), specs, strict=False)
@@ -105,7 +105,7 @@ class WindowTraining(ABC):
 
     def _window(self, image: Tensor, grid: tuple[int, int], rng: random.Random) -> Tensor:
         """A window (1, 1, 8R, 8C) of an image (H, W): its place, size, mirroring and gamma are random."""
-        height, width = (CELL * n for n in grid)
+        height, width = (CELL_PIXELS * n for n in grid)
         scale = self._scale(min(image.shape[0] / height, image.shape[1] / width), rng)
         rows, cols = (max(1, math.floor(n * scale)) for n in (height, width))
         top, left = (rng.randrange(n - size + 1) for n, size in zip(image.shape, (rows, cols), strict=True))
@@ -149,7 +149,7 @@ class SignedTraining(WindowTraining):
     def loss(self, network: nn.Module, batch: _SignedBatch) -> Tensor:
         windows, image = batch.windows, network(batch.cells, batch.integral)
         mean = windows.mean(dim=(2, 3), keepdim=True)
-        contrast = windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+        contrast = windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_WINDOW_STD)
         similarity = _ssim(image * contrast + mean, windows)
         return mse_loss(image, (windows - mean) / contrast) + STRUCTURE * (1 - similarity)
 
@@ -216,13 +216,13 @@ class UnsignedTraining(WindowTraining):
 
     def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
         votes, images = batch
-        if max(votes.shape[2:]) > MOST_CELLS:
+        if max(votes.shape[2:]) > MAX_FIRST_CELLS:
             with torch.no_grad():
                 coarser = network.coarser(votes, network.largest_cells(votes))
-            return mse_loss(network(votes, with_sign_of(coarser, images)), images)
+            return mse_loss(network(votes, align_sign(coarser, images)), images)
         regions = network(votes, torch.zeros_like(images))
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        predicted = with_sign_of(normalised(regions.detach()), images)
+        predicted = align_sign(normalised(regions.detach()), images)
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
         odds = network.polarity(votes, predicted, normalised(share * images + (1 - share) * predicted))
@@ -245,7 +245,7 @@ class UnsignedTraining(WindowTraining):
         window, device = _whole(image), network.polarity.out.weight.device
         votes, target = (tensor.to(device) for tensor in (self._votes(window, spec), _target(window)))
         largest = network.largest_cells(votes)
-        predicted = with_sign_of(largest.regions, target)
+        predicted = align_sign(largest.regions, target)
         return torch.cat([network.log_odds(shown, largest) for shown in (predicted, target)]).cpu()
 
 
@@ -265,15 +265,15 @@ def _turned(windows: Tensor, rng: random.Random) -> Tensor:
 
 def _target(windows: Tensor) -> Tensor:
     """Windows (B, 1, 8R, 8C) in 0…1 to images of two pixels a cell, of unit variance if they are not flat."""
-    small = avg_pool2d(windows, CELL // FINER)
+    small = avg_pool2d(windows, CELL_PIXELS // PIXELS_PER_CELL)
     small = small - small.mean(dim=(2, 3), keepdim=True)
-    return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_CONTRAST)
+    return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_WINDOW_STD)
 
 
 def _whole(image: Tensor) -> Tensor:
-    """A whole image (H, W), resized to at most :data:`SEEN` cells a side, (1, 1, 8R, 8C)."""
-    shrink = SEEN * CELL / max(image.shape)
-    size = [max(2, round(n * shrink / CELL / 4)) * 4 * CELL for n in image.shape]
+    """A whole image (H, W), resized to at most :data:`TRAINING_CELLS` cells a side, (1, 1, 8R, 8C)."""
+    shrink = TRAINING_CELLS * CELL_PIXELS / max(image.shape)
+    size = [max(2, round(n * shrink / CELL_PIXELS / 4)) * 4 * CELL_PIXELS for n in image.shape]
     return resized(image, size[0], size[1])
 
 

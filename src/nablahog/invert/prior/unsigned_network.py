@@ -2,9 +2,9 @@
 
 An unsigned histogram does not tell which side of an edge is the brighter one.  The statistics of photographs often do:
 backgrounds are even, the sky is bright and above, objects have parts.  So the network sees the whole image at once, in
-cells so large that they are at most :data:`MOST_CELLS` along a side, and predicts a coarse image, two pixels a cell
-along each axis.  Then it sees cells half as large together with that image, and so on until they are the descriptor's.
-The details come from the descriptor.
+cells so large that they are at most :data:`MAX_FIRST_CELLS` along a side, and predicts a coarse image, two pixels a
+cell along each axis.  Then it sees cells half as large together with that image, and so on until they are the
+descriptor's.  The details come from the descriptor.
 
 That image is one up to its sign.  A second part, the polarity, predicts the probability that an image is the photograph
 and not its negative.
@@ -23,22 +23,22 @@ from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_sh
 
 from ...hog.spec import HOGSpec
 from ...runtime.pytorch import seeded
-from ..histograms import cells_in_bins
+from ..histograms import rebin_cells
 from .signed_network import Architecture, PriorNetwork, ResidualBlock, set_to_zero
 
-BINS = 9  # of 20° each
-FINER = 2  # pixels of the prediction per cell, along each axis
+UNSIGNED_BINS = 9  # of 20° each
+PIXELS_PER_CELL = 2  # pixels of the prediction per cell, along each axis
 CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
-MOST_CELLS = 20  # rows or columns that are seen at first
-FINEST = 64  # rows or columns that are seen at last, at most
+MAX_FIRST_CELLS = 20  # rows or columns that are seen at first
+MAX_LAST_CELLS = 64  # rows or columns that are seen at last, at most
 COARSEST = 4  # cells for a pixel at the network's coarsest resolution, along each axis
 LEAST_CELLS = 2 * COARSEST
 WHOLE = 4  # parts along each axis, for the layers over the whole image
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
 DROPOUT = 0.1  # share of channels and units dropped in training, in the layers over the whole image
-DRAWN = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
+SAMPLE_DROPOUT = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
 POLARITY_WIDTHS = (48, 96, 128)
-FLAT = 1e-6  # standard deviation below which an image of unit contrast counts as flat
+FLAT_UNIT_STD = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
 def compressed(votes: Tensor) -> Tensor:
@@ -51,10 +51,10 @@ def normalised(images: Tensor) -> Tensor:
     """Images (B, 1, H, W) of zero mean and unit variance; 0 where they are flat."""
     images = images - images.mean(dim=(2, 3), keepdim=True)
     contrast = images.std(dim=(2, 3), keepdim=True, correction=0)
-    return torch.where(contrast > FLAT, images / contrast.clamp(min=FLAT), 0)
+    return torch.where(contrast > FLAT_UNIT_STD, images / contrast.clamp(min=FLAT_UNIT_STD), 0)
 
 
-def with_sign_of(images: Tensor, others: Tensor) -> Tensor:
+def align_sign(images: Tensor, others: Tensor) -> Tensor:
     """Images (B, 1, H, W), those negated that correlate negatively with the others."""
     return torch.where((images * others).sum(dim=(1, 2, 3), keepdim=True) < 0, -images, images)
 
@@ -90,7 +90,7 @@ class _Polarity(nn.Module):
         super().__init__()
         first, second, third = POLARITY_WIDTHS
         self.body = nn.Sequential(
-            nn.Conv2d(BINS + 2 * FINER**2, first, 3, padding=1),
+            nn.Conv2d(UNSIGNED_BINS + 2 * PIXELS_PER_CELL**2, first, 3, padding=1),
             ResidualBlock(first),
             nn.GELU(),
             nn.Conv2d(first, second, 2, stride=2),
@@ -108,7 +108,7 @@ class _Polarity(nn.Module):
         self.out = nn.Linear(64, 1, bias=False)
 
     def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        seen = pixel_unshuffle(torch.cat([with_sign_of(regions, images), images], dim=1), FINER)
+        seen = pixel_unshuffle(torch.cat([align_sign(regions, images), images], dim=1), PIXELS_PER_CELL)
         both = torch.cat([torch.cat([compressed(votes), sign * seen], dim=1) for sign in (1.0, -1.0)])
         one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
         odds: Tensor = self.out(one - negative)
@@ -139,32 +139,32 @@ class UnsignedNetwork(PriorNetwork):
             share = DROPOUT if level == last else 0.0
             return nn.Sequential(*(ResidualBlock(widths[level], share) for _ in range(architecture.blocks[level])))
 
-        self.inp = nn.Conv2d(BINS + FINER**2, widths[0], 3, padding=1)
+        self.inp = nn.Conv2d(UNSIGNED_BINS + PIXELS_PER_CELL**2, widths[0], 3, padding=1)
         self.down, self.up = (nn.ModuleList(blocks(level) for level in range(last + 1)) for _ in range(2))
         steps = list(pairwise(widths))
         self.shrink = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in steps)
         self.enlarge = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in steps)
         self.whole = _WholeImage(widths[-1])
-        self.out = nn.Conv2d(widths[0], FINER**2, 3, padding=1)
+        self.out = nn.Conv2d(widths[0], PIXELS_PER_CELL**2, 3, padding=1)
         self.polarity = _Polarity()
 
     def forward(self, votes: Tensor, coarser: Tensor) -> Tensor:
         """Images of about unit variance; the coarser ones of zero mean and unit variance, or 0."""
-        x, levels = self.inp(torch.cat([compressed(votes), pixel_unshuffle(coarser, FINER)], dim=1)), []
+        x, levels = self.inp(torch.cat([compressed(votes), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
         for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
             levels.append(blocks(x))
             x = shrink(gelu(levels[-1]))
         x = self.up[-1](self.whole(self.down[-1](x)))
         for level in range(len(levels) - 1, -1, -1):
             x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
-        return pixel_shuffle(self.out(gelu(x)), FINER).float()
+        return pixel_shuffle(self.out(gelu(x)), PIXELS_PER_CELL).float()
 
     @staticmethod
     def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 9, R, C), bins centred at 10°, 30°, …; cells are square, R and C are multiples of :data:`COARSEST`."""
-        tiling = cells_in_bins(votes, spec, size, BINS, 0.5, math.pi)
+        tiling = rebin_cells(votes, spec, size, UNSIGNED_BINS, 0.5, math.pi)
         height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
-        side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / FINEST)
+        side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MAX_LAST_CELLS)
         return _at_grid(tiling, height / side, width / side)
 
     @staticmethod
@@ -178,7 +178,7 @@ class UnsignedNetwork(PriorNetwork):
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
         votes, inputs = self.recovered(descriptor, spec, size, votes)
         largest = self.largest_cells(inputs)
-        regions = self.regions_of(inputs, largest)
+        regions = self.predict_regions(inputs, largest)
         images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
 
@@ -187,19 +187,19 @@ class UnsignedNetwork(PriorNetwork):
     ) -> tuple[Tensor, Tensor]:
         """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
         votes, inputs = self.recovered(descriptor, spec, size)
-        images = [self._drawn(one.unsqueeze(0), count, seed) for one in inputs]
+        images = [self._draw(one.unsqueeze(0), count, seed) for one in inputs]
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes
 
-    def _drawn(self, inputs: Tensor, count: int, seed: int) -> Tensor:
+    def _draw(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
         network = copy.deepcopy(self)
         for layer in network.modules():
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
-                layer.train().p = DRAWN
+                layer.train().p = SAMPLE_DROPOUT
         with seeded(seed):
             inputs = inputs.expand(count, -1, -1, -1)
             largest = network.largest_cells(inputs)
-            regions = network.regions_of(inputs, largest)
+            regions = network.predict_regions(inputs, largest)
             likely = torch.sigmoid(self.log_odds(regions, largest))
             kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
         return torch.where(kept, regions, -regions)
@@ -212,29 +212,29 @@ class UnsignedNetwork(PriorNetwork):
         return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
 
     def largest_cells(self, votes: Tensor) -> LargestCells:
-        """What is seen at first, in cells so large that they are at most :data:`MOST_CELLS` along a side."""
-        while max(votes.shape[2:]) > MOST_CELLS:
-            votes = _in_larger_cells(votes)
-        nothing = votes.new_zeros(len(votes), 1, FINER * votes.shape[2], FINER * votes.shape[3])
-        return LargestCells(votes, self._of_both(votes, nothing))
+        """What is seen at first, in cells so large that they are at most :data:`MAX_FIRST_CELLS` along a side."""
+        while max(votes.shape[2:]) > MAX_FIRST_CELLS:
+            votes = _enlarge_cells(votes)
+        nothing = votes.new_zeros(len(votes), 1, PIXELS_PER_CELL * votes.shape[2], PIXELS_PER_CELL * votes.shape[3])
+        return LargestCells(votes, self._average_mirrored(votes, nothing))
 
-    def regions_of(self, votes: Tensor, largest: LargestCells) -> Tensor:
+    def predict_regions(self, votes: Tensor, largest: LargestCells) -> Tensor:
         """Images up to their sign (B, 1, 2R, 2C) for votes (B, 9, R, C), given what was seen at first."""
-        if max(votes.shape[2:]) <= MOST_CELLS:
+        if max(votes.shape[2:]) <= MAX_FIRST_CELLS:
             return largest.regions
-        return self._of_both(votes, self.coarser(votes, largest))
+        return self._average_mirrored(votes, self.coarser(votes, largest))
 
     def coarser(self, votes: Tensor, largest: LargestCells) -> Tensor:
         """Images (B, 1, 2R, 2C) up to their sign, predicted for cells twice as large."""
-        regions = normalised(self.regions_of(_in_larger_cells(votes), largest))
-        size = (FINER * votes.shape[2], FINER * votes.shape[3])
+        regions = normalised(self.predict_regions(_enlarge_cells(votes), largest))
+        size = (PIXELS_PER_CELL * votes.shape[2], PIXELS_PER_CELL * votes.shape[3])
         return interpolate(regions, size=size, mode="bilinear", align_corners=False)
 
-    def _of_both(self, votes: Tensor, coarser: Tensor) -> Tensor:
+    def _average_mirrored(self, votes: Tensor, coarser: Tensor) -> Tensor:
         """The mean of the predictions for the image and for its mirror image, up to its sign."""
         regions: Tensor = self(votes, coarser)
         mirrored: Tensor = self(self.mirrored(votes), coarser.flip(3))
-        return (regions + with_sign_of(mirrored.flip(3), regions)) / 2
+        return (regions + align_sign(mirrored.flip(3), regions)) / 2
 
     def log_odds(self, images: Tensor, largest: LargestCells) -> Tensor:
         """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image."""
@@ -247,7 +247,7 @@ class UnsignedNetwork(PriorNetwork):
         return (odds + mirrored) / 2
 
 
-def _in_larger_cells(votes: Tensor) -> Tensor:
+def _enlarge_cells(votes: Tensor) -> Tensor:
     """Votes (B, 9, R, C) of cells about twice as large."""
     return _at_grid(votes, votes.shape[2] / 2, votes.shape[3] / 2)
 
