@@ -160,14 +160,8 @@ class Renderer:
         image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
         screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
         numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None
-        arguments = (
-            *self._native_arguments,
-            camera.focal,
-            *shape[1:],
-            self.supersampling,
-            self.method == "edges",
-            numbers,
-        )
+        drawing = self.supersampling, self.method == "edges"
+        arguments = *self._native_arguments, camera.focal, *shape[1:], *drawing, numbers
         run_in_threads(_render, len(poses), arguments, (image, pointer))
         return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
 
