@@ -22,7 +22,7 @@ from .common import CHELSEA
 @pytest.fixture(autouse=True)
 def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine may take longer than a test expects, and stderr has a line a minute then."""
-    monkeypatch.setattr(terminal, "EVERY", math.inf)
+    monkeypatch.setattr(terminal, "LINE_INTERVAL", math.inf)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ SHOWN = "a\\x1b[31m\\x9b\\u202eb.png"
 
 
 def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, "EVERY", 60.0)
+    monkeypatch.setattr(terminal, "LINE_INTERVAL", 60.0)
     times = iter([0.0, 1.0, 30.0, 120.0, 130.0, 300.0])
     monkeypatch.setattr(terminal.time, "monotonic", lambda: next(times))
     with terminal.counter("nablahog x") as progress:

@@ -13,11 +13,11 @@ from ..invert.histograms import linear_vote_spec
 from ..invert.prior.learned import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
 from ..requests.options import Option, options_of
-from .access import MOST_BYTES
+from .access import MOST_UPLOAD_BYTES
 from .messages import INVERT_SIZE, SEE_SIZE, Fit, HogMessage, InvertMessage
 from .store import MeshEntry, Photograph, Store
 
-KINDS = {int: "integer", float: "number", bool: "boolean", tuple: "pair"}
+FIELD_KINDS = {int: "integer", float: "number", bool: "boolean", tuple: "pair"}
 RANGES = {
     **dict.fromkeys(("cell_size", "pixels_per_cell"), (2, 32)),
     **dict.fromkeys(("bins", "orientations", "nbins"), (3, 36)),
@@ -47,7 +47,7 @@ def about(store: Store) -> dict[str, Any]:
         ],
         "meshes": [{"id": key, "name": mesh.name} for key, mesh in store.pinned(MeshEntry).items()],
         "priors": {"signed": _has_prior(presets.uoctti()), "unsigned": _has_prior(presets.paper())},
-        "limits": {"upload_bytes": MOST_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
+        "limits": {"upload_bytes": MOST_UPLOAD_BYTES, "see_size": SEE_SIZE, "invert_size": INVERT_SIZE},
         "options": {
             view: [
                 _option(option)
@@ -96,7 +96,7 @@ def _control(name: str, hint: Any, default: str, choices: Sequence[str] = ()) ->
         "name": name,
         "label": name,
         "help": "",
-        "kind": "choice" if choices else KINDS[get_origin(kind) or kind],
+        "kind": "choice" if choices else FIELD_KINDS[get_origin(kind) or kind],
         "default": default,
         "choices": choices or None,
         "optional": NoneType in kinds,

@@ -19,7 +19,7 @@ from starlette.websockets import WebSocketClose
 
 from .messages import RequestError
 
-MOST_BYTES = 64 * 2**20  # in an upload
+MOST_UPLOAD_BYTES = 64 * 2**20  # in an upload
 MOST_JSON = 2**16
 UPLOADS = ("/api/photos", "/api/descriptors", "/api/meshes")
 HEADERS: Mapping[str, str] = {
@@ -104,7 +104,7 @@ class AccessMiddleware:
 
 
 def _most_bytes(scope: Scope) -> int:
-    return MOST_BYTES if scope["path"] in UPLOADS else MOST_JSON
+    return MOST_UPLOAD_BYTES if scope["path"] in UPLOADS else MOST_JSON
 
 
 def _too_large(scope: Scope) -> tuple[int, str] | None:

@@ -30,8 +30,8 @@ from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
-GLYPHS = 400  # pixels, about, of their longer side
-SUPERSAMPLING = 2  # of renderings and similarities on the page
+CROP_GLYPHS_SIDE = 400  # pixels, about, of their longer side
+PAGE_SUPERSAMPLING = 2  # of renderings and similarities on the page
 AZIMUTHS = 180  # points of the curve
 AT_ONCE = 36  # points in a message
 LEAST_SIDE = 8  # pixels of a photograph, as of a box
@@ -74,7 +74,7 @@ class Fitting:
     def similarity(self) -> Similarity:
         """The calibrated similarity of a rendering to the object."""
         template = PreparedPhotograph(self.crop).template("calibrated")
-        return self.prepared.similarity(template, supersampling=SUPERSAMPLING)
+        return self.prepared.similarity(template, supersampling=PAGE_SUPERSAMPLING)
 
     def ready(self) -> dict[str, Any]:
         """The message that the page needs before a pose is shown."""
@@ -83,7 +83,7 @@ class Fitting:
         return {
             "type": "ready",
             "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
-            "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, GLYPHS),
+            "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
             "image": as_base64(png(crop.image[0])),
         }
 
@@ -93,7 +93,7 @@ class Fitting:
         with as_request_error():
             poses = self._poses(pose, place)
             values, derivatives = self.similarity.derivatives(poses)
-            renderer = self.prepared.renderer(supersampling=SUPERSAMPLING)
+            renderer = self.prepared.renderer(supersampling=PAGE_SUPERSAMPLING)
             white, black = (
                 renderer.render(poses, torch.full((1, SIDE, SIDE), level), derivative=False).image[0]
                 for level in (1.0, 0.0)
@@ -107,7 +107,7 @@ class Fitting:
             "similarity": float(values[0]),
             "derivative": _round(derivatives[0]),
             "image": as_base64(png(own, opacity)),
-            "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, GLYPHS),
+            "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
 

@@ -25,10 +25,9 @@ from ..requests.inversion import HogRequest, InvertRequest
 from ..requests.options import integer, number, option, options_of
 from ..requests.pose import PoseRequest, Sides
 from ..runtime.errors import InputError
-from ..runtime.text import one_line
+from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from ..viz.pictures import cell_width, glyph_image
 
-MOST_CHARACTERS = 900  # of a sentence
 GONE = "the server no longer has this file, as after a restart: open it again"
 _REMEDIES = {"image size": ": enter the size of the image"}
 """What a reader can do on the page, by what an error is about."""
@@ -45,7 +44,7 @@ class RequestError(Exception):
     def __init__(self, status: int, sentence: str, **more: Any) -> None:
         super().__init__(sentence)
         self.status = status
-        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_CHARACTERS), **more}
+        self.answer: dict[str, Any] = {"error": one_line(sentence, MOST_ERROR_CHARACTERS), **more}
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from .lines import for_glyphs, for_hog
 from .messages import HogMessage, RequestError, as_request_error, glyphs
 from .store import DescriptorEntry, Store, requested_descriptor
 
-GLYPHS = 720  # pixels, about, of their longer side
+PHOTO_GLYPHS_SIDE = 720  # pixels, about, of their longer side
 
 
 def see(request: HogMessage, store: Store) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def see(request: HogMessage, store: Store) -> dict[str, Any]:
     entry = requested_descriptor(request, store)
     source, asked = entry.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
     with as_request_error():
-        drawn = glyphs(source.descriptor, source.spec, GLYPHS)
+        drawn = glyphs(source.descriptor, source.spec, PHOTO_GLYPHS_SIDE)
     return {
         "key": store.add(entry, *(text.encode() for text in (*asked, str(request.size)))),
         "name": source.spec.name,

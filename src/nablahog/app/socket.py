@@ -16,7 +16,7 @@ from .messages import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, dec
 from .store import Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
-MOST_CHARACTERS = 2**14  # of a message
+MOST_MESSAGE_CHARACTERS = 2**14  # of a message
 
 
 class FitSocket:
@@ -44,8 +44,8 @@ class FitSocket:
                     task.cancel()
 
     async def _do(self, text: str) -> None:
-        if len(text) > MOST_CHARACTERS:
-            raise RequestError(413, f"expected a message of at most {MOST_CHARACTERS:,} characters")
+        if len(text) > MOST_MESSAGE_CHARACTERS:
+            raise RequestError(413, f"expected a message of at most {MOST_MESSAGE_CHARACTERS:,} characters")
         message = decode_fit_message(text)
         if isinstance(message, Open):
             await self._stop()

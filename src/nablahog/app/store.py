@@ -35,7 +35,7 @@ from . import lines
 from .lines import Reading
 from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, as_request_error, decode_json
 
-MOST_BYTES = 2**29
+MOST_STORED_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
 MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
@@ -114,7 +114,7 @@ Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
 class Store:
     """At most ``most`` bytes of uploads, by ids of their content and a secret, so that ids cannot be guessed."""
 
-    def __init__(self, secret: bytes, most: int = MOST_BYTES) -> None:
+    def __init__(self, secret: bytes, most: int = MOST_STORED_BYTES) -> None:
         self._secret, self._most = secret, most
         self._items: OrderedDict[str, Any] = OrderedDict()
         self._pinned: dict[str, Any] = {}

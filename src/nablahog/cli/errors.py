@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING
 from ..requests.inversion import GlyphRequest
 from ..requests.options import words
 from ..runtime.errors import InputError
-from ..runtime.text import one_line
+from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 
 if TYPE_CHECKING:
     from ..requests.arrays import FittingPreset
 
-MOST_CHARACTERS = 900  # of an error: with the name of the command, a line has at most 1000
 SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
 CLEARLY = 2.0  # a dialect whose normaliser is this many times as near as the next one is the descriptor's
@@ -31,7 +30,7 @@ _REMEDIES = {
 
 def tell(command: str, message: str) -> None:
     """Prints a line on stderr; ``command`` is its name without ``nablahog``."""
-    print(f"nablahog {command}: {one_line(message, MOST_CHARACTERS)}", file=sys.stderr)
+    print(f"nablahog {command}: {one_line(message, MOST_ERROR_CHARACTERS)}", file=sys.stderr)
 
 
 def worded(error: Exception) -> str:

@@ -12,11 +12,11 @@ from importlib import import_module
 from typing import NoReturn
 
 from ..requests.options import integer
-from ..runtime.text import one_line
+from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from .arguments import options
 from .arguments.options import Parser
 from .arguments.parsers import KINDS, demo, glyph, hog, invert, learn, pose, table1, table2
-from .errors import MOST_CHARACTERS, tell, worded
+from .errors import tell, worded
 
 PORT = 8765
 LAST_PORT = 65535
@@ -131,7 +131,7 @@ class _ToStderr(logging.Handler):
     """Prints to the present sys.stderr, which progress bars replace."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"nablahog: {one_line(record.getMessage(), MOST_CHARACTERS)}", file=sys.stderr)
+        print(f"nablahog: {one_line(record.getMessage(), MOST_ERROR_CHARACTERS)}", file=sys.stderr)
 
 
 def _show_log() -> None:

@@ -21,7 +21,7 @@ from ..viz.html import figure
 
 SHORT = 16  # characters of a name that is not broken in a table
 LONGEST = 1000  # characters of a line: lists of file names may be any length
-EVERY = 60.0  # seconds between lines of progress without a terminal
+LINE_INTERVAL = 60.0  # seconds between lines of progress without a terminal
 PIPED = 120  # columns without a terminal
 _quiet = False
 
@@ -57,7 +57,7 @@ def counter(name: str) -> Iterator[Counter]:
 
 
 class _Lines:
-    """A line on stderr every :data:`EVERY` seconds."""
+    """A line on stderr every :data:`LINE_INTERVAL` seconds."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -68,7 +68,7 @@ class _Lines:
         now = time.monotonic()
         if self.before is None:
             self.before, self.began = done, now  # what came before the first item does not count
-        if now - self.last_line >= EVERY and done > self.before:
+        if now - self.last_line >= LINE_INTERVAL and done > self.before:
             self.last_line = now
             left = (now - self.began) / (done - self.before) * (total - done)
             minutes = max(1, round(left / 60))

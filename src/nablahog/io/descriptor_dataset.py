@@ -26,7 +26,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..runtime.cache import code_key
-from ..runtime.text import unicode_of
+from ..runtime.text import to_unicode
 from .descriptor_file import StoredDescriptor
 from .files import replacing
 
@@ -77,7 +77,7 @@ def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
     for row in rows:
         shape = (None,) * 4 if row.stored is None else (*row.stored.image_size, *row.stored.descriptor.shape[:2])
         values = None if row.stored is None else row.stored.descriptor.float().reshape(-1).numpy()
-        cells.append((unicode_of(row.path), *shape, values, None if row.error is None else unicode_of(row.error)))
+        cells.append((to_unicode(row.path), *shape, values, None if row.error is None else to_unicode(row.error)))
     about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
     table = pa.table([list(column) for column in zip(*cells, strict=True)], schema=SCHEMA.with_metadata(about))
     file = io.BytesIO()

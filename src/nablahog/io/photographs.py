@@ -9,7 +9,7 @@ from pathlib import Path
 from torch import Tensor
 
 from ..hog.gradient import gray
-from ..runtime.text import unicode_of
+from ..runtime.text import to_unicode
 from .files import check_folder
 from .images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
 
@@ -82,4 +82,4 @@ def _prepared(image: Tensor, size: int) -> Tensor:
 
 
 def _name(path: Path, folder: Path) -> str:
-    return unicode_of(path.relative_to(folder).as_posix())
+    return to_unicode(path.relative_to(folder).as_posix())

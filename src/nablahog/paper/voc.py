@@ -17,7 +17,7 @@ from ..io.input_file import input_file
 from ..runtime.text import one_line
 
 FLAWS = ("difficult", "occluded", "truncated")
-MAX_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
+MAX_ANNOTATION_BYTES = 2**20  # of an annotation; published ones have at most some ten thousand
 MAX_LIST_BYTES = 2**26  # of a list of images
 
 
@@ -77,14 +77,15 @@ def read_annotation(path: Path) -> list[VOCObject]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is no such annotation, is damaged, has a document type, or is larger than :data:`MAX_BYTES`.
+        ValueError: it is no such annotation, is damaged, has a document type, or is larger than
+            :data:`MAX_ANNOTATION_BYTES`.
     """
     input_file(path).check("an annotation of PASCAL VOC")
     with open(path, "rb") as file:
-        data = file.read(MAX_BYTES + 1)
+        data = file.read(MAX_ANNOTATION_BYTES + 1)
     try:
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+        if len(data) > MAX_ANNOTATION_BYTES:
+            raise ValueError(f"it has more than {MAX_ANNOTATION_BYTES:,} bytes")
         root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_NoDocumentType()))
         if root.tag != "annotation":
             raise ValueError(f"its root is {root.tag[:60]!r}")

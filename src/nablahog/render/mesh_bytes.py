@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.text import decoded
+from ..runtime.text import decode_text
 
 Number = TypeVar("Number", np.float64, np.int64)
 
@@ -27,7 +27,7 @@ def as_utf8(text: bytes) -> bytes:
     What is no Unicode is taken for Latin-1: remarks may have any encoding.
     """
     try:
-        plain = decoded(text).encode()
+        plain = decode_text(text).encode()
     except UnicodeDecodeError:
         plain = text.decode("latin-1").encode()
     return _WINDOWS_NAN.sub(b"nan", plain) if b"1.#" in plain or b"(" in plain else plain

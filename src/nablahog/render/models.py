@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..io.files import check_folder
-from ..runtime.text import unicode_of
+from ..runtime.text import to_unicode
 from .mesh import Mesh, load_mesh, load_meshes
 from .mesh_file import ENDINGS
 
@@ -116,7 +116,7 @@ def _files_below(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _name(path: Path) -> str:
-    return unicode_of(path.as_posix())
+    return to_unicode(path.as_posix())
 
 
 def check_models(

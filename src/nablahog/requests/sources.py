@@ -14,7 +14,7 @@ from ..hog.descriptor import describe
 from ..hog.gradient import gray
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import limit_size
-from ..runtime.text import unicode_of
+from ..runtime.text import to_unicode
 
 STDIN = "-"
 
@@ -44,7 +44,7 @@ class Source:
     @property
     def name(self) -> str:
         """The name of the file without its folders, printable, and the part."""
-        file = unicode_of(Path(self.path).name) if self.path != STDIN else "stdin"
+        file = to_unicode(Path(self.path).name) if self.path != STDIN else "stdin"
         return f"{file}, {self.part}" if self.part else file
 
     @cached_property

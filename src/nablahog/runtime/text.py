@@ -6,13 +6,14 @@ import codecs
 import os
 from collections.abc import Iterable
 
-MOST_CHARACTERS = 800  # of a quoted text: with a path, a message has at most 1000
+MOST_ERROR_CHARACTERS = 900  # of a sentence: with the name of the command, a line has at most 1000
+MOST_QUOTED_CHARACTERS = 800  # in a sentence, beside a path
 ELLIPSIS = " … "
 _FORMULAS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")  # the last are full-width
 
 
-def decoded(data: bytes) -> str:
-    """The text of a file in UTF-8, or in UTF-16 with a byte order mark, as editors of Windows write it.
+def decode_text(data: bytes) -> str:
+    """Decodes the text of a file in UTF-8, or in UTF-16 with a byte order mark, as editors of Windows write it.
 
     Raises:
         UnicodeDecodeError: it is neither.
@@ -20,7 +21,7 @@ def decoded(data: bytes) -> str:
     return data.decode("utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig")
 
 
-def unicode_of(name: str) -> str:
+def to_unicode(name: str) -> str:
     """A file's name as text that can be written: names may be in any encoding, and the locale may lack letters."""
     return name.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
@@ -71,7 +72,7 @@ def describe_type(value: object, path: str, items: str) -> str:
     return f"a {kind}: write {items}" if isinstance(value, list | tuple) else kind
 
 
-def one_line(message: object, most: int = MOST_CHARACTERS) -> str:
+def one_line(message: object, most: int = MOST_QUOTED_CHARACTERS) -> str:
     """A message in one printable line of at most ``most`` characters; of a longer one, the middle is left out."""
     text = printable(" ".join(str(message).split()))
     if len(text) <= most:

@@ -39,7 +39,7 @@ _OUTPUTS = {"prior": "the prior", "background": "the background", "hoggles": "th
 TABLE1_SIZE = 128  # that of the paper's images
 SCENES = 200  # of Table 2
 HARDER = 20  # objects in each of its conditions
-LEARNED = (*(name for name in TABLE1 if name in KINDS), *PRIORS)
+LEARNED_NAMES = (*(name for name in TABLE1 if name in KINDS), *PRIORS)
 """The kinds of files that methods of Table 1 learn."""
 
 
@@ -192,8 +192,8 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         action="append",
         type=options.typed(_learned),
         metavar="KIND=FILE",
-        help=f"a file that `nablahog learn` wrote: {', '.join(LEARNED)}; may be repeated (default: the priors that "
-        "come with nablahog; others are learned once from the photographs of scikit-image)",
+        help=f"a file that `nablahog learn` wrote: {', '.join(LEARNED_NAMES)}; may be repeated (default: the priors "
+        "that come with nablahog; others are learned once from the photographs of scikit-image)",
     )
 
 
@@ -254,6 +254,6 @@ def _table(command: argparse.ArgumentParser, methods: Collection[str], sets: Map
 
 def _learned(text: str) -> tuple[str, str]:
     kind, equals, file = text.partition("=")
-    if kind not in LEARNED or not equals:
-        raise ValueError(f"expected KIND=FILE with a kind of {', '.join(LEARNED)}, got {text!r}")
+    if kind not in LEARNED_NAMES or not equals:
+        raise ValueError(f"expected KIND=FILE with a kind of {', '.join(LEARNED_NAMES)}, got {text!r}")
     return kind, read_path(file)

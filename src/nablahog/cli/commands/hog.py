@@ -23,7 +23,7 @@ from ...jobs.worker import cores
 from ...requests.inversion import GlyphRequest, HogRequest
 from ...requests.sources import Source
 from ...runtime.extras import extra
-from ...runtime.text import counted, decoded
+from ...runtime.text import counted, decode_text
 from ...viz.pictures import glyph_image
 from ..arguments.options import request_of
 from ..errors import SOME_SKIPPED
@@ -189,7 +189,7 @@ def _expanded(arguments: Namespace, names: list[str]) -> list[str]:
 def _lines(name: str) -> list[str]:
     """The entries of a list: lines without blanks and quotes around them; comments (#) and empty ones are left out."""
     try:
-        lines = [line.strip() for line in decoded(Path(name).read_bytes()).splitlines()]
+        lines = [line.strip() for line in decode_text(Path(name).read_bytes()).splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{name}: expected a list of images, one per line: {error}") from None
     lines = [line[1:-1] if len(line) > 1 and line[0] == line[-1] == '"' else line for line in lines]

@@ -37,7 +37,7 @@ from ..terminal import counter, inform, print_table, say, say_page
 NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
 NEGATIVE = 0.1  # share of negative entries that no descriptor has
-EVERY = 10.0  # seconds after which results.json is written again
+WRITE_INTERVAL = 10.0  # seconds after which results.json is written again
 
 _STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are not pictures
 
@@ -146,7 +146,7 @@ class _Results:
         """Writes the pictures of an inversion."""
         inversion.write(self.folder)
         self.inversions[number] = inversion if number < inversion_page.SHOWN else inversion.without_pictures()
-        if time.monotonic() - self.written > EVERY:  # so that an interrupted run leaves a valid results.json
+        if time.monotonic() - self.written > WRITE_INTERVAL:  # so that an interrupted run leaves a valid results.json
             self.write()
 
     def in_order(self) -> list[Inversion]:

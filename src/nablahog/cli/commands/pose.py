@@ -25,7 +25,7 @@ from ...render.mesh import SAMPLE_CHAIRS, Y_UP, axes
 from ...render.models import Model, archived_models, check_models, read_models
 from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
-from ...runtime.text import unicode_of
+from ...runtime.text import to_unicode
 from ..arguments.options import request_of
 from ..errors import REFUSED, SOME_SKIPPED, tell
 from ..results.pose_files import PosedObject, names, rows, write
@@ -33,7 +33,7 @@ from ..results.pose_page import close_up, pose_page
 from ..terminal import counter, inform, print_table, say_page
 
 SIDE = 160  # pixels of the picture of an object
-AXES = "; if y points up in the file of the model, use --up y --front=+z"
+AXES_HINT = "; if y points up in the file of the model, use --up y --front=+z"
 _NO_PART_OF_A_RESULT: dict[str, Any] = {"mesh": None, "mask": None, "annotations": None, "least_confidence": 0.0}
 """Fields of a request that do not change a stored result: the content of files counts, not their names."""
 _FILL = 0.8  # share of that for the longer side of the box
@@ -73,7 +73,7 @@ def pose(arguments: Namespace) -> int:
     print_table(rows(posed))
     say_page(folder / "index.html")
     z_up = request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}
-    return _status(posed, least, AXES if z_up else "")
+    return _status(posed, least, AXES_HINT if z_up else "")
 
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
@@ -97,7 +97,7 @@ def _objects(arguments: Namespace) -> tuple[list[AnnotatedObject], list[Path]]:
         boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
-        objects = [AnnotatedObject(k, unicode_of(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
+        objects = [AnnotatedObject(k, to_unicode(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.initial is not None or arguments.mask is not None:
         raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
@@ -117,7 +117,7 @@ def _models(request: PoseRequest) -> tuple[list[Model], list[str]]:
     path = Path(request.mesh)
     if path.is_dir():
         return read_models(path, up=request.up, front=request.front)
-    return [Model(unicode_of(path.stem), path, request.up, request.front)], []
+    return [Model(to_unicode(path.stem), path, request.up, request.front)], []
 
 
 def _check(models: list[Model], ignored: list[str]) -> tuple[Model, ...]:

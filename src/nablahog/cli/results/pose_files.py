@@ -15,7 +15,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...io.files import write_text
-from ...io.lists import AnnotatedObject
+from ...io.lists import SIDES, AnnotatedObject
 from ...jobs.store import JobResult
 from ...runtime.text import guarded
 from ...viz import html
@@ -25,7 +25,6 @@ SHOWN = 200  # objects with a picture on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
 _CAMERA = ("focal_length", "focal_length_from")
-_SIDES = ("x0", "y0", "x1", "y1")
 
 DEFINITIONS = {
     "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
@@ -111,12 +110,12 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
     out = io.StringIO()
     figures = ("model", *_POSE, *_CAMERA, "similarity", "confidence")
     matrix = [f"m{row}{col}" for row in range(3) for col in range(4)]
-    columns = ["image", "id", *_SIDES, *figures, "refused", *matrix, "error"]
+    columns = ["image", "id", *SIDES, *figures, "refused", *matrix, "error"]
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
     for posed in objects:
         row: dict[str, Any] = {"image": posed.listed.image, "id": posed.listed.id, "error": posed.failure}
-        row |= dict(zip(_SIDES, posed.figures.get("box", posed.listed.box) or (), strict=False))
+        row |= dict(zip(SIDES, posed.figures.get("box", posed.listed.box) or (), strict=False))
         if posed.figures:
             row |= {name: posed.figures[name] for name in figures}
             row |= dict(zip(matrix, chain(*posed.figures["matrix"][:3]), strict=True))
