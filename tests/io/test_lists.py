@@ -65,9 +65,9 @@ def test_rows_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
 def test_lists_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, text in (("a.csv", "image\na.jpg\n"), ("a.json", json.dumps(COCO))):
         (tmp_path / name).write_text(text)
-        monkeypatch.setattr(lists, "MAX_LIST_BYTES", len(text))
+        monkeypatch.setattr(lists, "MAX_TABLE_BYTES", len(text))
         assert read_objects(tmp_path / name)
-        monkeypatch.setattr(lists, "MAX_LIST_BYTES", len(text) - 1)
+        monkeypatch.setattr(lists, "MAX_TABLE_BYTES", len(text) - 1)
         with pytest.raises(ValueError, match=rf"{name}: a list of more than {len(text) - 1} bytes is refused"):
             read_objects(tmp_path / name)
 

@@ -33,7 +33,7 @@ SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
 CROP_GLYPHS_SIDE = 400  # pixels, about, of their longer side
 PAGE_SUPERSAMPLING = 2  # of renderings and similarities on the page
 AZIMUTHS = 180  # points of the curve
-AT_ONCE = 36  # points in a message
+POINTS_AT_ONCE = 36  # points in a message
 LEAST_SIDE = 8  # pixels of a photograph, as of a box
 LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
@@ -124,7 +124,7 @@ class Fitting:
         """Poses (N, 6) at azimuths all around, some at a time."""
         start = self._poses(pose, False)[0].clone()
         start[0] = 0
-        return torch.split(azimuth_sweep(start, AZIMUTHS), AT_ONCE)
+        return torch.split(azimuth_sweep(start, AZIMUTHS), POINTS_AT_ONCE)
 
     def curve(self, poses: Tensor, done: bool) -> dict[str, Any]:
         """Similarities and derivatives by azimuth at some of :meth:`around`; whether these are the last."""

@@ -35,7 +35,7 @@ from .work_queue import Cancelled, CancelToken, WorkQueue
 STATIC = Path(__file__).with_name("static")
 SHARED = ("wipe.js", "wipe.css")  # with the pages that commands write
 TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
+OFFERED_CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 CHAIR_POSE = (35.0, 20.0, 3.0)  # azimuth and elevation in degrees, and distance, of the chair in a photograph
 SCENE_SIZE, SCENE_FOCAL = 224, 420.0  # pixels of that photograph
 QUICK, LONG = 64, 32  # computations that may wait in each queue
@@ -68,7 +68,7 @@ class Server:
         for name in SAMPLE_NAMES:
             self.store.pin(f"sample-{name}", Photograph(f"{name}.png", sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
-        for name in CHAIRS:
+        for name in OFFERED_CHAIRS:
             self.store.pin(f"{store.CHAIR}{name}", MeshEntry(name, sample_chairs()[name]))
         return about(self.store)
 
@@ -203,7 +203,7 @@ async def _disconnected(request: Request) -> None:
 
 def _chair_scene() -> Photograph:
     """The first of the chairs in front of a sample photograph, with its box."""
-    mesh, clutter = sample_chairs()[CHAIRS[0]], sample_photograph("coffee")[:, :SCENE_SIZE, :SCENE_SIZE]
+    mesh, clutter = sample_chairs()[OFFERED_CHAIRS[0]], sample_photograph("coffee")[:, :SCENE_SIZE, :SCENE_SIZE]
     camera, poses = Camera(SCENE_FOCAL, SCENE_SIZE, SCENE_SIZE), pose(*CHAIR_POSE).expand(3, 6)
     image = render(mesh, poses, camera, background=clutter[:, None])[:, 0]  # each colour is a background
     corners = to_screen(to_camera(mesh.vertices, poses[:1]), poses[:1], camera)[0, :, :2]

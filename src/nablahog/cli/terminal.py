@@ -20,7 +20,7 @@ from ..runtime.text import one_line, printable
 from ..viz.html import figure
 
 SHORT = 16  # characters of a name that is not broken in a table
-LONGEST = 1000  # characters of a line: lists of file names may be any length
+LINE_CHARACTERS = 1000  # characters of a line: lists of file names may be any length
 LINE_INTERVAL = 60.0  # seconds between lines of progress without a terminal
 PIPED = 120  # columns without a terminal
 _quiet = False
@@ -78,15 +78,15 @@ class _Lines:
 
 
 def say(text: str) -> None:
-    """Prints a line of at most :data:`LONGEST` characters without markup or wrapping."""
+    """Prints a line of at most :data:`LINE_CHARACTERS` characters without markup or wrapping."""
     if not _quiet:
-        _console().print(Text(one_line(text, LONGEST)), soft_wrap=True)
+        _console().print(Text(one_line(text, LINE_CHARACTERS)), soft_wrap=True)
 
 
 def inform(text: str) -> None:
     """Prints a line on stderr that is not an error."""
     if not _quiet:
-        print(one_line(text, LONGEST), file=sys.stderr)
+        print(one_line(text, LINE_CHARACTERS), file=sys.stderr)
 
 
 def say_page(page: Path) -> None:

@@ -17,7 +17,7 @@ from ..hog.box import Box
 from ..runtime.text import decode_text, one_line, unguarded
 from .input_file import input_file
 
-MAX_LIST_BYTES = 2**28  # of a file
+MAX_TABLE_BYTES = 2**28  # of a file
 SIDES = ("x0", "y0", "x1", "y1")
 ANGLES = ("azimuth", "elevation", "theta")
 _OTHER_NAMES = dict(zip(("xmin", "ymin", "xmax", "ymax"), SIDES, strict=True))  # as in PASCAL VOC
@@ -63,14 +63,14 @@ class Row:
 
 
 def read_list(path: Path, expected: str) -> bytes:
-    """The bytes of a file, at most :data:`MAX_LIST_BYTES`.
+    """The bytes of a file, at most :data:`MAX_TABLE_BYTES`.
 
     Raises:
         FileNotFoundError, ValueError: there is no such file, it is not a regular one, or it is larger.
     """
     input_file(path).check(expected)
-    if path.stat().st_size > MAX_LIST_BYTES:
-        raise ValueError(f"{path}: a list of more than {MAX_LIST_BYTES:,} bytes is refused")
+    if path.stat().st_size > MAX_TABLE_BYTES:
+        raise ValueError(f"{path}: a list of more than {MAX_TABLE_BYTES:,} bytes is refused")
     return path.read_bytes()
 
 
@@ -84,7 +84,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it has more than :data:`MAX_LIST_BYTES`, is no such file, lacks a column, or has no row.
+        ValueError: it has more than :data:`MAX_TABLE_BYTES`, is no such file, lacks a column, or has no row.
     """
     path = Path(path)
     line, data = 1, read_list(path, "a CSV file")

@@ -17,7 +17,7 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, PHOTOMETRIC_INTERPRETATION, PLANA
 from .input_file import InputFile
 
 MAX_IMAGE_BYTES = 2**30  # of a file; the largest images that are read have fewer
-STRIP_PIXELS = 2**19  # pixels that are converted at once
+CONVERTED_PIXELS = 2**19  # pixels that are converted at once
 
 _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
@@ -129,7 +129,7 @@ def _find_white(lowest: float, highest: float) -> int:
 
 
 def _cut_strips(image: Image.Image) -> Iterator[Image.Image]:
-    rows = max(1, STRIP_PIXELS // image.width)
+    rows = max(1, CONVERTED_PIXELS // image.width)
     for y in range(0, image.height, rows):
         yield image.crop((0, y, image.width, min(y + rows, image.height)))
 

@@ -19,7 +19,7 @@ from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode
 
-CELL_PIXELS = 16  # height of a cell of glyphs
+GLYPH_PIXELS = 16  # height of a cell of glyphs
 STRIP_PIXELS = 2**21  # that are drawn at once, in float64
 RED = (1.0, 0.15, 0.1)
 
@@ -65,7 +65,7 @@ def _strokes(angles: NDArray[np.floating], height: int, width: int) -> NDArray[n
 
 
 @in_plain_mode
-def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIXELS) -> NDArray[np.float64]:
+def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = GLYPH_PIXELS) -> NDArray[np.float64]:
     """The usual picture of a HOG: in each cell, for each orientation, a stroke along the edge.
 
     A stroke is perpendicular to its gradient, so a vertical edge is a vertical stroke.  Its
@@ -92,7 +92,7 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = CELL_PIX
     return _drawn(*_votes_and_strokes(descriptor, as_spec(spec), cell_pixels))
 
 
-def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = CELL_PIXELS) -> Image.Image:
+def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = GLYPH_PIXELS) -> Image.Image:
     """:func:`glyphs` as an 8-bit image, drawn in strips to save memory."""
     votes, strokes = _votes_and_strokes(descriptor, spec, cell_pixels)
     rows, cols, _ = votes.shape

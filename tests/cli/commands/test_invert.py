@@ -166,7 +166,7 @@ def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> 
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo, "SIZE", 64)
+    monkeypatch.setattr(demo, "DEMO_SIZE", 64)
     assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
     assert str(tmp_path / "demo" / "index.html") in capsys.readouterr().out
     parts = ("difference", "glyphs", "preimage", "thumbnails")

@@ -20,7 +20,7 @@ from ..results import inversion_page
 from ..results.inversion import Inversion, invert_batch
 from ..terminal import counter, print_table, say_page
 
-SIZE = 256
+DEMO_SIZE = 256
 DESCRIPTORS = ("uoctti", "paper")  # both of the paper; the one that keeps more comes first
 TITLE = "A photograph from its HOG descriptor"
 LEAD = (
@@ -35,7 +35,7 @@ REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and co
 
 def demo(arguments: Namespace) -> None:
     """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
-    request, photo = InvertRequest(seed=arguments.seed), limit_size(sample_photograph("astronaut"), SIZE)
+    request, photo = InvertRequest(seed=arguments.seed), limit_size(sample_photograph("astronaut"), DEMO_SIZE)
     with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []
         for name in DESCRIPTORS:

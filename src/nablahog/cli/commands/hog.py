@@ -37,7 +37,7 @@ STDOUT = "-"
 LIST = "@"
 SHARD = 1000  # images of a file
 OTHER_FORMATS = (".npy", ".mat", ".csv", ".txt", ".json")  # in which programs would expect what their names say
-SHOWN = 3  # images without a descriptor that are named on stderr; the data set names all
+NAMED_FAILURES = 3  # images without a descriptor that are named on stderr; the data set names all
 
 
 def hog(arguments: Namespace) -> int:
@@ -251,7 +251,7 @@ def _report(target: str, reasons: Sequence[str]) -> int:
     if len(errors) == len(data):
         data.remove()
         raise ValueError(f"no image of {len(data):,} has a descriptor; the first: {': '.join(errors[0])}")
-    for path, reason in errors[:SHOWN]:
+    for path, reason in errors[:NAMED_FAILURES]:
         inform(f"nablahog hog: skipped: {path}: {reason}")
     say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}")
     return SOME_SKIPPED if errors else 0

@@ -145,7 +145,7 @@ class _Results:
     def add(self, number: int, inversion: Inversion) -> None:
         """Writes the pictures of an inversion."""
         inversion.write(self.folder)
-        self.inversions[number] = inversion if number < inversion_page.SHOWN else inversion.without_pictures()
+        self.inversions[number] = inversion if number < inversion_page.SHOWN_INPUTS else inversion.without_pictures()
         if time.monotonic() - self.written > WRITE_INTERVAL:  # so that an interrupted run leaves a valid results.json
             self.write()
 

@@ -20,7 +20,7 @@ from ...requests.dialect import Dialect
 from ..arguments.options import request_of
 from ..terminal import counter, say, say_ignored
 
-SIZE = 512  # pixels on the longer side that photographs are shrunk to
+TRAINING_SIZE = 512  # pixels on the longer side that photographs are shrunk to
 
 
 def learn(arguments: Namespace) -> None:
@@ -74,7 +74,7 @@ def _photographs(arguments: Namespace, learner: Learner, spec: HOGSpec) -> Photo
     Returns:
         At least one image; ``failed`` has the files that cannot be read and the images that are too small.
     """
-    folder, size = arguments.images, getattr(arguments, "size", SIZE)
+    folder, size = arguments.images, getattr(arguments, "size", TRAINING_SIZE)
     if folder is None and learner.tile is not None:
         return Photographs(sample_training_photographs(arguments.kind))
     if folder is None:

@@ -9,7 +9,7 @@ from ...viz import html
 from ...viz.pictures import Panel
 from .inversion import Inversion
 
-SHOWN = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
+SHOWN_INPUTS = 24  # inputs with pictures, which are inlined: a page of hundreds would not open
 TITLE = "Images from HOG descriptors"
 LEAD = (
     "Each image was found from a HOG descriptor alone. A photograph is not an input of the inversion; if there is "
@@ -40,7 +40,7 @@ def page(
     remark: str = "",
 ) -> str:
     """The page: for each of the first inversions a section with its pictures, below a table of all."""
-    shown = inversions[:SHOWN]
+    shown = inversions[:SHOWN_INPUTS]
     rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
     definitions = {name: DEFINITIONS[name] for name in inversions[0].measures}
     if any(inversion.polarity is not None for inversion in inversions):
