@@ -30,7 +30,7 @@ from nablahog.hog.box import Box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEWS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
-from nablahog.paper.examples import rendered
+from nablahog.paper.examples import render_examples
 from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
 from nablahog.render.mesh import load_meshes
 from nablahog.render.models import archived_models, check_models, read_models
@@ -55,7 +55,7 @@ def objects(
         sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
-    some = rendered(
+    some = render_examples(
         count, chairs, angles, clutter, origin="", unknown_model=unknown_model, seed=seed, condition=condition
     )
     return some.objects

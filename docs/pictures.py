@@ -21,7 +21,7 @@ from nablahog.hog.gradient import gray
 from nablahog.invert import reconstruct_multiscale, scale_descriptors
 from nablahog.io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from nablahog.paper.annotations import sample_viewpoints
-from nablahog.paper.examples import rendered
+from nablahog.paper.examples import render_examples
 from nablahog.paper.scenes import CHAIRS
 from nablahog.pose import estimate_pose
 from nablahog.pose.crop import crop_object
@@ -68,7 +68,7 @@ def pose() -> None:
     models = archived_models(CHAIRS)
     viewpoints = sample_viewpoints(10_000, np.random.default_rng(0))
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
-    scenes = rendered(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
+    scenes = render_examples(6, models, viewpoints, clutter, origin="", unknown_model=False, seed=0).objects
     one = scenes[-1]
     meshes = {model.name: model.mesh() for model in one.candidates}
     estimate = estimate_pose(one.image, meshes, box=one.box, initial=one.initial)

@@ -30,7 +30,7 @@ from nablahog.pose.background import FINE, pose_spec
 from nablahog.pose.crop import crop_object
 from nablahog.pose.model import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
-from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirrored
+from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirror_descriptors
 from nablahog.runtime.pytorch import seeded
 
 CHAIRS = 4000
@@ -109,7 +109,7 @@ def train(descriptors: Tensor, azimuths: Tensor, epochs: int, seed: int) -> tupl
             total = torch.zeros(())
             for some in torch.randperm(len(descriptors))[: batches * BATCH].reshape(batches, BATCH):
                 inputs, flips = descriptors[some].float(), torch.rand(BATCH) < 0.5
-                inputs = torch.where(flips[:, None, None, None], mirrored(inputs), inputs)
+                inputs = torch.where(flips[:, None, None, None], mirror_descriptors(inputs), inputs)
                 likely = likely_azimuths(torch.where(flips, -azimuths[some], azimuths[some]))
                 with torch.autocast("cpu", torch.bfloat16):
                     logits = network(inputs)

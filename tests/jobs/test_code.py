@@ -14,7 +14,7 @@ from nablahog.cli.commands.pose import ObjectJob
 from nablahog.io.descriptor_dataset import shard_key
 from nablahog.io.lists import AnnotatedObject
 from nablahog.paper import learned
-from nablahog.paper.baselines.exemplar_views import SPEC, ExemplarLibrary
+from nablahog.paper.baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarLibrary
 from nablahog.paper.pose_methods import Table2Settings
 from nablahog.paper.table2 import PoseJob
 from nablahog.pose import model
@@ -50,7 +50,7 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
         patch.setattr(ExemplarLibrary, "_read_or_learn", lambda library, mesh, key: keys.update(exemplars=key))
         patch.setattr(model, "cached_array", lambda kind, key, shape, _: keys.update(views=key) or np.zeros(shape))
         keys |= {f"learned {kind}": learned.learned_from_samples(kind, print).name for kind in learned.LEARNED}
-        ExemplarLibrary(None, default_background(SPEC)).views(mesh)
+        ExemplarLibrary(None, default_background(EXEMPLAR_SPEC)).views(mesh)
         model.view_descriptors(model.PreparedModel(mesh, typical_camera()), 15.0)
     return keys
 

@@ -19,7 +19,7 @@ from nablahog.jobs import processes
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import DIED, attempt, cores
-from nablahog.paper.methods import Method
+from nablahog.paper.methods import ReconstructionMethod
 
 from ..paper.common import image, job
 from ..paper.fakes import DARK, HUNGRY, KILLED, KILLED_ONCE, MISTAKEN, SILENT
@@ -47,7 +47,7 @@ def test_figures() -> None:
         (MISTAKEN, "KeyError at fakes.py:"),
     ],
 )
-def test_reasons(method: Method, reason: str) -> None:
+def test_reasons(method: ReconstructionMethod, reason: str) -> None:
     assert str(attempt(job(method))).startswith(reason)
 
 

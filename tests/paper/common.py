@@ -20,7 +20,7 @@ from nablahog.io.learned_model import count_weights
 from nablahog.io.photographs import Photographs
 from nablahog.jobs import runner
 from nablahog.jobs.worker import attempt
-from nablahog.paper.methods import Method, Table1Settings
+from nablahog.paper.methods import ReconstructionMethod, Table1Settings
 from nablahog.paper.table1 import ReconstructionJob, Table1, run_table1
 
 
@@ -43,7 +43,7 @@ def write_prior(path: Path, spec: HOGSpec, *, images: Sequence[str] = (), value:
     return path
 
 
-def job(method: Method, **settings: object) -> ReconstructionJob:
+def job(method: ReconstructionMethod, **settings: object) -> ReconstructionJob:
     return ReconstructionJob(method, image().numpy(), Table1Settings(**settings))  # type: ignore[arg-type]
 
 
@@ -74,5 +74,5 @@ def run_in_this_process(monkeypatch: pytest.MonkeyPatch, begin: Callable[[Any], 
     monkeypatch.setattr(runner, "Processes", lambda workers: ThisProcess(begin))
 
 
-def made(folder: Path, of: Photographs, *methods: Method, seed: int = 0) -> Table1:
+def made(folder: Path, of: Photographs, *methods: ReconstructionMethod, seed: int = 0) -> Table1:
     return run_table1(folder, of, methods, Table1Settings(seed), workers=1)

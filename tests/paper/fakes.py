@@ -13,7 +13,7 @@ from torch import Tensor
 from nablahog.hog.box import Box
 from nablahog.paper.annotations import Example
 from nablahog.paper.examples import Examples
-from nablahog.paper.methods import Method, MethodOutput, Table1Settings
+from nablahog.paper.methods import MethodOutput, ReconstructionMethod, Table1Settings
 from nablahog.paper.names import DALAL, UOCTTI
 from nablahog.paper.pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings
 from nablahog.paper.scenes import CHAIRS
@@ -59,15 +59,15 @@ def _killed_once(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     return [MethodOutput(image[0, 0], torch.get_num_threads())]
 
 
-DARK = Method("dark", UOCTTI, partial(_shifted, by=-0.25))
-BRIGHT = Method("uoctti-single", UOCTTI, partial(_shifted, by=0.25))
-LEVELS = Method("dalal-multi-scale", DALAL, _levels, multiscale=True)
-UNDEFINED = Method("undefined", DALAL, _undefined)
-MISTAKEN = Method("mistaken", DALAL, _mistaken)
-HUNGRY = Method("hungry", DALAL, _hungry)
-SILENT = Method("silent", DALAL, _silent)
-KILLED = Method("killed", DALAL, _killed)
-KILLED_ONCE = Method("killed-once", DALAL, _killed_once)
+DARK = ReconstructionMethod("dark", UOCTTI, partial(_shifted, by=-0.25))
+BRIGHT = ReconstructionMethod("uoctti-single", UOCTTI, partial(_shifted, by=0.25))
+LEVELS = ReconstructionMethod("dalal-multi-scale", DALAL, _levels, multiscale=True)
+UNDEFINED = ReconstructionMethod("undefined", DALAL, _undefined)
+MISTAKEN = ReconstructionMethod("mistaken", DALAL, _mistaken)
+HUNGRY = ReconstructionMethod("hungry", DALAL, _hungry)
+SILENT = ReconstructionMethod("silent", DALAL, _silent)
+KILLED = ReconstructionMethod("killed", DALAL, _killed)
+KILLED_ONCE = ReconstructionMethod("killed-once", DALAL, _killed_once)
 
 # --- objects of Table 2, whose azimuth is the level of their first pixel, and methods that read it
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nablahog.paper.annotations import LONGEST, read_annotations, read_viewpoints, sample_viewpoints
+from nablahog.paper.annotations import MAX_SIDE, read_annotations, read_viewpoints, sample_viewpoints
 
 
 def _csv(folder: Path, text: str) -> Path:
@@ -49,7 +49,7 @@ def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
     Image.fromarray(levels).save(photographs / "c.png")
     (one,) = read_annotations(_csv(photographs, f"{HEADS}\nc.png,200,100,840,500,0,0,0,\n"))
     assert one.image.shape == (1, 240, 360)
-    assert max(one.box.width, one.box.height) == pytest.approx(LONGEST)
+    assert max(one.box.width, one.box.height) == pytest.approx(MAX_SIDE)
     x0, y0, x1, y1 = (round(side) for side in one.box)
     assert float(one.image[0, y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].min()) > 0.95
     outside = one.image[0].clone()

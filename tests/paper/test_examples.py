@@ -11,7 +11,7 @@ import torch
 from nablahog.hog.box import Box
 from nablahog.paper import names
 from nablahog.paper.annotations import Example
-from nablahog.paper.examples import CONDITIONS, PLAIN, Examples, photographed, rendered
+from nablahog.paper.examples import CONDITIONS, PLAIN, Examples, photograph_examples, render_examples
 from nablahog.paper.scenes import CHAIRS, scene
 from nablahog.render.models import Model, archived_models
 
@@ -25,7 +25,7 @@ def _photographed(*models: str | None, unknown_model: bool = False, seed: int = 
     image = torch.full((3, 100, 120), 0.5)
     objects = [Example(f"a#{k}", image, BOX, 10.0 * k, 5.0, 2.0, model) for k, model in enumerate(models)]
     options = {"origin": "Mine.", "unknown_model": unknown_model, "seed": seed, "condition": condition}
-    return photographed(objects, CADS, **options, failed={"b": "no image"})  # type: ignore[arg-type]
+    return photograph_examples(objects, CADS, **options, failed={"b": "no image"})  # type: ignore[arg-type]
 
 
 def test_photographs() -> None:
@@ -43,7 +43,7 @@ def test_without_the_own_model() -> None:
     result = _photographed("02", None, unknown_model=True)
     assert [[model.name for model in each.candidates] for each in result.objects] == [["01", "03"], ["01", "02", "03"]]
     with pytest.raises(ValueError, match="a#0: there is no candidate model"):
-        photographed(result.objects[:1], [CADS[1]], origin="", unknown_model=True, seed=0)
+        photograph_examples(result.objects[:1], [CADS[1]], origin="", unknown_model=True, seed=0)
 
 
 def test_no_pose_is_given_of_photographs() -> None:
@@ -60,7 +60,7 @@ def test_photographs_under_a_condition() -> None:
 def _rendered(unknown_model: bool = False, seed: int = 0, condition: str = "") -> Examples:
     viewpoints, clutter = np.array([[10.0, 20.0, 4.0], [200.0, 5.0, -3.0]]), [torch.full((1, 40, 40), 0.5)]
     options = {"origin": "mine", "unknown_model": unknown_model, "seed": seed, "condition": condition}
-    return rendered(3, archived_models(CHAIRS)[:3], viewpoints, clutter, **options)  # type: ignore[arg-type]
+    return render_examples(3, archived_models(CHAIRS)[:3], viewpoints, clutter, **options)  # type: ignore[arg-type]
 
 
 def test_scenes() -> None:
@@ -86,7 +86,7 @@ def test_the_same_scenes_by_other_models_and_without_a_box() -> None:
         assert other.model == one.model not in candidates
         assert (harder.name, harder.box) == (f"no-box/{one.name}", None)
     with pytest.raises(ValueError, match="needs at least 2 models to leave one out, got 1"):
-        rendered(1, archived_models(CHAIRS)[:1], np.zeros((1, 3)), [], origin="", unknown_model=True, seed=0)
+        render_examples(1, archived_models(CHAIRS)[:1], np.zeros((1, 3)), [], origin="", unknown_model=True, seed=0)
 
 
 # --- conditions
@@ -169,6 +169,6 @@ def test_conditions_of_photographs() -> None:
     suited = {name for name, condition in CONDITIONS.items() if condition.of_photographs}
     assert suited == {"exact", "sides-5", "sides-10", "larger-20", "cut-15", "cut-30", "no-box"}
     original = Example("a", torch.rand(1, 100, 120), Box(20.0, 10.0, 80.0, 90.0), 0, 0, 0, None, (10.0, 5.0))
-    one, same, other = (CONDITIONS["sides-10"].applied(original, 0, index) for index in (0, 0, 1))
+    one, same, other = (CONDITIONS["sides-10"].apply(original, 0, index) for index in (0, 0, 1))
     assert one.box == same.box != other.box
     assert one.image is original.image

@@ -10,7 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog.paper.looks import compressed, relit
+from nablahog.paper.looks import compress_jpeg, relight
 from nablahog.paper.scenes import scene
 from nablahog.render import Camera, Light, Mesh, render, silhouette
 from nablahog.render.camera import pose, to_camera, to_screen
@@ -35,7 +35,7 @@ def _relit(mesh: Mesh, poses: torch.Tensor, light: Light, **strength: float) -> 
     """Before and after."""
     picture = render(mesh, poses, CAMERA, background=0.0, light=light)[0, 0].double().numpy()
     opacity = silhouette(mesh, poses, CAMERA)[0, 0].double().numpy()
-    return picture, opacity, *relit(picture, opacity, mesh, poses[0], CAMERA, light, **strength)
+    return picture, opacity, *relight(picture, opacity, mesh, poses[0], CAMERA, light, **strength)
 
 
 def _pixel(point: tuple[float, float, float], poses: torch.Tensor) -> tuple[int, int]:
@@ -93,7 +93,7 @@ def test_compression_is_that_of_pillow() -> None:
     file = io.BytesIO()
     Image.fromarray(levels).save(file, "JPEG", quality=30)
     expected = np.asarray(Image.open(file)).transpose(2, 0, 1) / 255
-    np.testing.assert_array_equal(compressed(levels.transpose(2, 0, 1) / 255, 30), expected)
+    np.testing.assert_array_equal(compress_jpeg(levels.transpose(2, 0, 1) / 255, 30), expected)
 
 
 def test_scenes_with_looks() -> None:

@@ -12,7 +12,7 @@ import torch
 from nablahog import hog
 from nablahog.invert.prior.learned import default_prior_file
 from nablahog.paper.learned import SPEC, load, shipped_files
-from nablahog.paper.methods import METHODS, Method, Table1Settings, choose
+from nablahog.paper.methods import METHODS, ReconstructionMethod, Table1Settings, choose
 from nablahog.paper.names import BASELINES, DIALECTS, LEARNED_DIALECTS, LIBRARIES, PRIORS, PUBLISHED, TABLE1, TABLE2
 from nablahog.paper.pose_methods import POSE_METHODS
 
@@ -46,7 +46,7 @@ def test_published_figures() -> None:
 def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> None:
     method = METHODS[name]
     original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
-    sent: Method = pickle.loads(pickle.dumps(method))  # as it reaches the workers
+    sent: ReconstructionMethod = pickle.loads(pickle.dumps(method))  # as it reaches the workers
     learned = {kind: Path(path) for kind, path in learned_files.items()}
     learned |= {"prior": write_prior(tmp_path / "prior.npz", SPEC), **shipped_files()}
     result = sent.run(original[None, None], replace(FAST, learned=learned))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nablahog.paper.table1 import METRICS, write_table1
-from nablahog.paper.tables import Failure, evenly_spread, statistics
+from nablahog.paper.tables import Failure, spread_evenly, statistics
 
 from .common import made, photographs
 from .fakes import BRIGHT, DARK, LEVELS, MISTAKEN, UNDEFINED
@@ -57,7 +57,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
 
 
 def test_order_and_groups(tmp_path: Path, calls: list[str]) -> None:
-    lines = made(tmp_path, photographs(1), BRIGHT, LEVELS, UNDEFINED).lines()
+    lines = made(tmp_path, photographs(1), BRIGHT, LEVELS, UNDEFINED).table_rows()
     expected = ["bovw", "hoggles", "cnn-hog", "cnn-hogb", *BRIGHT.rows, *LEVELS.rows, "undefined"]
     assert [line.row for line in lines] == expected
     by_row = {line.row: line for line in lines}
@@ -81,7 +81,7 @@ def test_failures(tmp_path: Path, calls: list[str]) -> None:
         Failure("0.png", "mistaken", where),
         Failure("1.png", "mistaken", where),
     ]
-    counts = {line.row: line.statistics["cc"].n for line in table.lines()}
+    counts = {line.row: line.statistics["cc"].n for line in table.table_rows()}
     assert (counts["dark"], counts["dalal-multi-scale@1/4"], counts["mistaken"]) == (2, 1, 0)
     write_table1(tmp_path, table)
     rows = _rows(tmp_path / "failures.csv")
@@ -105,7 +105,7 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
 @pytest.mark.parametrize("count", [0, 6, 101])
 def test_evenly_spread(count: int) -> None:
     names = [str(k) for k in range(count)]
-    shown = evenly_spread(names, 6)
+    shown = spread_evenly(names, 6)
     assert len(shown) == min(6, count) == len(set(shown))
     assert shown == sorted(shown, key=int)
     assert np.all(np.diff([int(name) for name in shown]) >= count // 6)

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from nablahog.paper import table1_page
-from nablahog.paper.methods import METHODS, Method, Table1Settings
+from nablahog.paper.methods import METHODS, ReconstructionMethod, Table1Settings
 from nablahog.paper.names import UOCTTI
 from nablahog.paper.table1 import Table1
 
 from .common import made, photographs, write_prior
 from .fakes import BRIGHT, LEVELS
 
-SEEN = Method("uoctti-single", UOCTTI, BRIGHT.run, METHODS["uoctti-single"].spec)
+SEEN = ReconstructionMethod("uoctti-single", UOCTTI, BRIGHT.run, METHODS["uoctti-single"].spec)
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def _text(html: str) -> str:
 
 def test_figures_and_definitions(table: Table1) -> None:
     html = _html(table)
-    mean = table.lines()[4].statistics["cc"]
+    mean = table.table_rows()[4].statistics["cc"]
     for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.287, 0.121):
         assert f"{number:.3f}" in html
     assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html

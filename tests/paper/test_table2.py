@@ -38,7 +38,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
 def test_how_they_are_counted(tmp_path: Path, calls: list[str]) -> None:
     """8° more: 40° leaves the first of 4 views, whose edge is 45°, and all but 40° leave theirs of 24, 15° wide."""
     table = _made(tmp_path, NEAR)
-    (exemplar, paper) = table.lines()
+    (exemplar, paper) = table.table_rows()
     assert (exemplar.method, exemplar.accuracy["interval", 4].n, exemplar.error.median) == ("exemplar", 0, None)
     assert exemplar.paper == {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23}
     assert exemplar.seconds is None
@@ -74,7 +74,7 @@ def test_no_pose_is_wrong(tmp_path: Path, calls: list[str]) -> None:
     assert [error_of_azimuth(*one) for one in each] == pytest.approx([180, 100, 100, 100], abs=1e-4)
     assert error_of_rotation(*each[0]) == 180
     assert all(error_of_rotation(*one) > 90 for one in each)
-    line = {line.method: line for line in table.lines()}["exemplar"]
+    line = {line.method: line for line in table.table_rows()}["exemplar"]
     assert line.accuracy["threshold", 4].n == 4
     assert line.accuracy["threshold", 4].mean == 0
 
@@ -113,7 +113,7 @@ def test_files(tmp_path: Path, calls: list[str]) -> None:
 def test_a_method_that_is_not_published(tmp_path: Path, calls: list[str]) -> None:
     table = _made(tmp_path, OTHER)
     write_table2(tmp_path, table)
-    assert [line.method for line in table.lines()] == ["exemplar", "paper", "other"]
+    assert [line.method for line in table.table_rows()] == ["exemplar", "paper", "other"]
     summary = _rows(tmp_path / "summary.csv")
     assert (summary[0]["value"], summary[0]["paper"], summary[-1]["paper"]) == ("", "47.33", "")
 
@@ -126,7 +126,7 @@ def _harder(folder: Path, *methods: PoseMethod) -> Table2:
 def test_conditions_have_tables_of_their_own(tmp_path: Path, calls: list[str]) -> None:
     """8° more: 40° leaves the first of 4 views, 350° does not."""
     table, plain = _harder(tmp_path, NEAR), _made(tmp_path / "plain", NEAR)
-    assert [line.accuracy for line in table.lines()] == [line.accuracy for line in plain.lines()]
+    assert [line.accuracy for line in table.table_rows()] == [line.accuracy for line in plain.table_rows()]
     (line,) = table.under("sides-5").ran()
     assert (line.accuracy["interval", 4].mean, line.accuracy["interval", 8].mean, line.error.n) == (50, 100, 2)
     assert table.under("no-box").ran()[0].error.median == pytest.approx(8, abs=1e-4)

@@ -34,7 +34,7 @@ def test_figures_and_definitions(table: Table2) -> None:
     html = _html(table)
     for number in ("75.0", "58.9", "47.3", "16.9", "8.000", "100.0"):
         assert f">{number}<" in html
-    accuracy = table.lines()[1].accuracy["interval", 4]
+    accuracy = table.table_rows()[1].accuracy["interval", 4]
     assert f"{accuracy.low:.1f} … {accuracy.high:.1f}" in html
     criteria = "4, 8, 16, 24 views: by interval", "&lt; 90°, &lt; 45°, &lt; 22.5°, &lt; 15°: by threshold"
     for name in (*criteria, "rotation, rotation error", "median error, error", "paper", "best", "exemplar"):

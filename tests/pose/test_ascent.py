@@ -94,8 +94,8 @@ def test_values_alone_know_the_top() -> None:
 def test_a_top_far_away_is_only_approached() -> None:
     away = torch.tensor([9.0, 0, 0, 0, 0, 0], dtype=torch.float64)
     output = fitted(quadratic(START + away * UNITS)[0])
-    assert output.norm() == pytest.approx(ascent._REACH)
-    assert output[0] > 0.9 * ascent._REACH
+    assert output.norm() == pytest.approx(ascent._LONGEST_STEP)
+    assert output[0] > 0.9 * ascent._LONGEST_STEP
 
 
 def test_a_valley_is_left_uphill() -> None:
@@ -109,7 +109,7 @@ def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
     output = ascent._maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
     assert torch.isfinite(output).all()
-    assert output.norm() <= ascent._REACH + 1e-9
+    assert output.norm() <= ascent._LONGEST_STEP + 1e-9
 
 
 def test_ascent_on_a_jagged_quadratic() -> None:

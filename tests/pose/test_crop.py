@@ -17,7 +17,7 @@ from torch.testing import assert_close
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.pose import PoseEstimate, estimate_pose
-from nablahog.pose.crop import FILL, SIDE, crop_object, masked
+from nablahog.pose.crop import FILL, SIDE, apply_mask, crop_object
 from nablahog.pose.similarity import downsampled_poses
 from nablahog.render import pose, render
 from nablahog.render.camera import to_camera, to_screen
@@ -82,7 +82,7 @@ def test_what_is_shrunk_is_smoothed_first() -> None:
 
 def test_smaller_sees_the_same() -> None:
     crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
-    small = crop.downsampled(2)
+    small = crop.downsample(2)
     assert_close(small.image[0, 0, 3, 5], crop.image[0, 0, 6:8, 10:12].mean())
     assert small.size == (crop.size[0] / 2, crop.size[1] / 2)
     assert small.valid == tuple(side / 2 for side in crop.valid)
@@ -102,7 +102,7 @@ def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the
     height, width, axis, focal = 375, 500, (90.0, 310.0), 400.0
     crop = crop_object(torch.rand(3, height, width), (282.0, 36.0, 365.0, 148.0), focal=focal, axis=axis)
     pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 13.5, -18.25], dtype=torch.float64)
-    moved, camera = crop.in_photograph(pose, height, width)
+    moved, camera = crop.place_in_photograph(pose, height, width)
     mesh = model()
     estimate = PoseEstimate(*moved.tolist(), camera, "", 0.0, "calibrated", pose, 1, Box(0, 0, 9, 9))
     estimate = replace(estimate, principal_point=axis, from_original=mesh.from_original)
@@ -122,7 +122,7 @@ def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the
     in_camera = (mesh.vertices @ motion[:3, :3].T + motion[:3, 3]) @ to_object @ to_crop
     by_hand = (in_camera / in_camera[:, 2:] * focal)[:, :2] + torch.tensor(axis)
     assert_close(by_matrix, by_hand, rtol=0, atol=1e-3)
-    back = crop.converted(pose, crop)
+    back = crop.convert_pose(pose, crop)
     assert_close(back, pose, rtol=0, atol=1e-3)
 
 
@@ -133,8 +133,10 @@ def test_a_pose_is_converted_between_crops_of_a_known_camera() -> None:
         for box in ((282.0, 36.0, 365.0, 148.0), (200.0, 100.0, 400.0, 180.0))
     )
     pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 3.5, -8.25], dtype=torch.float64)
-    converted = one.converted(pose, other)
-    assert_close(other.in_photograph(converted, 375, 500)[0], one.in_photograph(pose, 375, 500)[0], rtol=0, atol=1e-3)
+    converted = one.convert_pose(pose, other)
+    assert_close(
+        other.place_in_photograph(converted, 375, 500)[0], one.place_in_photograph(pose, 375, 500)[0], rtol=0, atol=1e-3
+    )
     assert abs(float(converted[3] - pose[3])) > 0.5  # degrees: the two cameras are turned differently
 
 
@@ -165,7 +167,7 @@ def test_what_is_around_does_not_count() -> None:
     poses = []
     for behind in ("coffee", "cat"):
         image, _ = photographed(model(), 325, 12, behind=behind)
-        inside, own = masked(torch.where(mask, clean, image), mask)
+        inside, own = apply_mask(torch.where(mask, clean, image), mask)
         assert max(abs(one - other) for one, other in zip(own, box, strict=True)) <= 1
         assert torch.equal(inside[:, mask], clean[:, mask])
         assert len(inside[:, ~mask].unique()) == 1
@@ -176,7 +178,7 @@ def test_what_is_around_does_not_count() -> None:
 
 
 def test_a_box_may_be_given_too() -> None:
-    _, box = masked(torch.rand(1, 20, 30), torch.ones(20, 30, dtype=torch.bool), (1, 2, 25, 18))
+    _, box = apply_mask(torch.rand(1, 20, 30), torch.ones(20, 30, dtype=torch.bool), (1, 2, 25, 18))
     assert box == Box(1, 2, 25, 18)
 
 

@@ -17,7 +17,7 @@ from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.problem import SMALL, STEEP, TURNED, PoseProblem, view_penalty
+from nablahog.pose.problem import SMALL_PENALTY, STEEP_PENALTY, TILT_PENALTY, PoseProblem, view_penalty
 from nablahog.pose.result import pose_figures
 from nablahog.pose.similarity import Similarity
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
@@ -153,15 +153,15 @@ def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) 
 
 def test_steep_and_tilted_views_have_a_penalty_usual_ones_none() -> None:
     penalties = view_penalty(torch.tensor([0.0, 40, 60, -15]), torch.tensor([0.0, 0, 10, 0]))
-    assert penalties.tolist() == pytest.approx([0, 0, 20 * STEEP + 10 * TURNED, 5 * STEEP])
+    assert penalties.tolist() == pytest.approx([0, 0, 20 * STEEP_PENALTY + 10 * TILT_PENALTY, 5 * STEEP_PENALTY])
 
 
 def test_an_elevation_that_is_given_is_a_wish() -> None:
     poses = torch.tensor([[0.0, 80, 3, 30, 0, 0]], dtype=torch.float64)
     given, off, unknown = problem(initial=(0.0, 80.0)), problem(initial=(0.0, 65.0)), problem()
-    assert float(given.penalty(poses, given.photograph)) == pytest.approx(30 * TURNED)
-    assert float(off.penalty(poses, off.photograph)) == pytest.approx(10 * STEEP + 30 * TURNED)
-    assert float(unknown.penalty(poses, unknown.photograph)) == pytest.approx(40 * STEEP + 30 * TURNED)
+    assert float(given.penalty(poses, given.photograph)) == pytest.approx(30 * TILT_PENALTY)
+    assert float(off.penalty(poses, off.photograph)) == pytest.approx(10 * STEEP_PENALTY + 30 * TILT_PENALTY)
+    assert float(unknown.penalty(poses, unknown.photograph)) == pytest.approx(40 * STEEP_PENALTY + 30 * TILT_PENALTY)
     assert off.elevations == (50.0, 65.0, 80.0)
     assert problem(initial=(0.0, 80.0)).elevations == (65.0, 80.0)
 
@@ -169,20 +169,20 @@ def test_an_elevation_that_is_given_is_a_wish() -> None:
 def test_an_object_anywhere_loses_with_each_halving_of_its_size() -> None:
     anywhere = problem(boxes=True, initial=(0.0, 10.0))
     level = torch.tensor([[0.0, 10, 3, 0, 0, 0]], dtype=torch.float64)
-    assert float(anywhere.penalty(level, anywhere.photograph)) == pytest.approx(SMALL)
-    assert float(anywhere.penalty(level, anywhere.cropped((0, 0, 160, 120)))) == pytest.approx(0, abs=1e-9)
+    assert float(anywhere.penalty(level, anywhere.photograph)) == pytest.approx(SMALL_PENALTY)
+    assert float(anywhere.penalty(level, anywhere.crop_around((0, 0, 160, 120)))) == pytest.approx(0, abs=1e-9)
 
 
 def test_the_best_view_is_searched_however_bad_it_is() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
     (view,) = search.look_around()[:1]
-    bad = view.moved(view.pose, -1.0, -1.0)
-    assert search.promising([bad, view.moved(view.pose, -5.0, -5.0)]) == [bad]
+    bad = view.move(view.pose, -1.0, -1.0)
+    assert search.select_promising([bad, view.move(view.pose, -5.0, -5.0)]) == [bad]
 
 
 def test_there_may_be_no_views_elsewhere() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
-    assert search.tilt_each(search.promising([])) == []
+    assert search.tilt_each(search.select_promising([])) == []
 
 
 def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:

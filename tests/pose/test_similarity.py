@@ -12,7 +12,7 @@ from torch.testing import assert_close
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.box import Box
 from nablahog.pose.background import default_background
-from nablahog.pose.crop import ObjectCrop, crop_object, downsampled
+from nablahog.pose.crop import ObjectCrop, crop_object, downsample_camera
 from nablahog.pose.options import SimilarityKind
 from nablahog.pose.photograph import ELEMENT, PreparedPhotograph, patch_spec
 from nablahog.pose.similarity import PatchTemplate, Similarity, describe, downsampled_poses, patch_template
@@ -35,7 +35,7 @@ def similarity(
     photograph: PreparedPhotograph, kind: SimilarityKind, samples: int = 1, method: Any = "edges"
 ) -> Similarity:
     template = photograph.template(kind)
-    camera = downsampled(photograph.crop.camera, template.shrink)
+    camera = downsample_camera(photograph.crop.camera, template.shrink)
     return Similarity(Renderer(model(), camera, method=method, supersampling=samples), template)
 
 
@@ -52,7 +52,7 @@ def test_calibrated_is_the_score_of_the_renderings_discriminant(
     assert template.shrink == 2
     q = torch.rand(3, *template.weights.shape)
     w = template.whitener(q)
-    x = template.whitener.centred(describe(crop.downsampled(2).image, template.spec))
+    x = template.whitener.centre_coordinates(describe(crop.downsample(2).image, template.spec))
     deviation = (w * q).sum((1, 2, 3)).sqrt()  # Σ w is q again
     values, slopes = template.values_and_gradients(q)
     assert_close(values, (w * x).sum((1, 2, 3)) / deviation, rtol=1e-3, atol=1e-3)

@@ -17,7 +17,15 @@ from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import FILL, crop_object, typical_camera
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.surroundings import FOUND, ROUGH, find_boxes, places, surroundings, turned, views_around
+from nablahog.pose.surroundings import (
+    FOUND,
+    ROUGH,
+    describe_surroundings,
+    find_boxes,
+    find_views,
+    map_grid,
+    turn_image,
+)
 from nablahog.render import Camera, pose, render, silhouette
 from nablahog.render.camera import to_camera, to_screen
 
@@ -34,19 +42,19 @@ def photo() -> tuple[Tensor, PreparedPhotograph]:
 def test_what_is_turned_counter_clockwise_is_upright_again() -> None:
     camera = Camera(300.0, 100, 100)
     upright, tilted = (render(model(), pose(40, 15, 4.0, theta), camera)[0, 0] for theta in (0, 30))
-    (again,) = turned(tilted, [30], 1.0, (100, 100))
+    (again,) = turn_image(tilted, [30], 1.0, (100, 100))
     assert float((again - upright).abs().mean()) < 0.015
     assert float((again - tilted).abs().mean()) > 0.05
-    assert_close(turned(tilted, [0], 1.0, (100, 100))[0], tilted, atol=1e-5, rtol=0)
+    assert_close(turn_image(tilted, [0], 1.0, (100, 100))[0], tilted, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 25.0, -90.0])
 def test_samples_of_a_turned_ramp_are_those_at_their_places(tilt: float) -> None:
     """Brightness 2x + 3y, from the middle, where the turned grid lies."""
     y, x = (torch.arange(n) - (n - 1) / 2 for n in (30, 50))
-    (samples,) = turned(2 * x + 3 * y[:, None], [tilt], 1.5, (9, 12))
+    (samples,) = turn_image(2 * x + 3 * y[:, None], [tilt], 1.5, (9, 12))
     grid = [torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in (9, 12)]
-    at_x, at_y = (part[0] for part in places(grid, torch.tensor([1.5]).double(), torch.tensor([tilt]).double()))
+    at_x, at_y = (part[0] for part in map_grid(grid, torch.tensor([1.5]).double(), torch.tensor([tilt]).double()))
     cosine, sine = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
     down, across = 1.5 * grid[0][:, None], 1.5 * grid[1]
     assert_close((at_x, at_y), (cosine * across + sine * down, cosine * down - sine * across))
@@ -55,7 +63,7 @@ def test_samples_of_a_turned_ramp_are_those_at_their_places(tilt: float) -> None
 
 def test_the_window_of_the_box_is_the_template(photo: tuple[Tensor, PreparedPhotograph]) -> None:
     image, photograph = photo
-    windows = surroundings(photograph, image, [0], FOUND)
+    windows = describe_surroundings(photograph, image, [0], FOUND)
     (same,) = ((windows.scales == 1) & (windows.centres == 0).all(1)).nonzero()
     template = photograph.calibrated.weights.flatten()
     assert float(torch.corrcoef(torch.stack([windows.windows[same[0]], template]))[0, 1]) > 0.8
@@ -69,8 +77,8 @@ def test_the_best_view_is_where_the_object_is() -> None:
     crop = photograph.crop
     one = prepared_model(model(), crop.camera)
     everywhere = torch.ones(VIEW_COUNT, dtype=torch.bool)
-    around = surroundings(photograph, image, [-15, 0, 15], ROUGH)
-    poses, similarities = views_around(one, photograph, around, [0, 15, 30], everywhere, 4)
+    around = describe_surroundings(photograph, image, [-15, 0, 15], ROUGH)
+    poses, similarities = find_views(one, photograph, around, [0, 15, 30], everywhere, 4)
     assert degrees_between(float(poses[0, 0]), 40) <= 7.5
     assert poses[0, 3] == 0
     assert list(similarities) == sorted(similarities, reverse=True)
@@ -87,7 +95,7 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Te
     scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
     scores = []
     for k in range(4):
-        around = surroundings(photograph, image, [0], FOUND)
+        around = describe_surroundings(photograph, image, [0], FOUND)
         around = dataclasses.replace(
             around,
             windows=windows[k : k + 1],
@@ -95,7 +103,7 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Te
             tilts=torch.zeros(1).double(),
             centres=centres[k : k + 1].double(),
         )
-        scores.append(float(views_around(one, photograph, around, [15.0], everywhere, 1)[1][0]))
+        scores.append(float(find_views(one, photograph, around, [15.0], everywhere, 1)[1][0]))
     assert scores[0] > 0
     assert [value / scores[0] for value in scores] == pytest.approx([1, 0.95, 0.95, 0.9])
 
@@ -105,13 +113,13 @@ def test_a_tilted_view_is_the_upright_one_turned_about_the_window(photo: tuple[T
     one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
     scale, tilt, centre = 1.25, 25.0, torch.tensor([6.0, -9.0]).double()
     around = dataclasses.replace(
-        surroundings(photograph, image, [0], FOUND),
+        describe_surroundings(photograph, image, [0], FOUND),
         windows=view_descriptors(one, 15)[5].flatten()[None],
         scales=torch.tensor([scale]).double(),
         tilts=torch.tensor([tilt]).double(),
         centres=centre[None],
     )
-    poses, _ = views_around(one, photograph, around, [15.0], everywhere, 1)
+    poses, _ = find_views(one, photograph, around, [15.0], everywhere, 1)
     assert float(poses[0, 3]) == tilt
     camera = photograph.crop.camera
     seen = to_screen(to_camera(one.hull, poses), poses, camera)[0, :, :2] - camera.width / 2 - centre

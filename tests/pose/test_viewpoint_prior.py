@@ -26,9 +26,9 @@ from nablahog.pose.viewpoint_prior import (
     ViewpointNetwork,
     ViewpointPrior,
     default_viewpoints,
-    mirrored,
+    mirror_descriptors,
 )
-from nablahog.pose.vote import Hypothesis, at_azimuths, azimuth_evidence, knows
+from nablahog.pose.vote import Hypothesis, azimuth_evidence, interpolate_evidence, recognizes_models
 from nablahog.render import Mesh, render
 
 from ..chairs import chair
@@ -49,7 +49,7 @@ def _prior(spec: HOGSpec = SPEC, width: int = 2, seed: int = 0) -> ViewpointPrio
 
 def test_a_mirrored_image_has_the_mirrored_descriptor() -> None:
     images = torch.rand(2, 1, 64, 64, generator=torch.Generator().manual_seed(1))
-    torch.testing.assert_close(mirrored(describe(images, SPEC)), describe(images.flip(3), SPEC))
+    torch.testing.assert_close(mirror_descriptors(describe(images, SPEC)), describe(images.flip(3), SPEC))
 
 
 def test_probabilities_add_up_and_are_mirrored_with_the_image() -> None:
@@ -102,7 +102,7 @@ def test_evidence_between_azimuths_is_interpolated_around_the_circle(azimuth: fl
     evidence = torch.rand(1, 48, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     circle = torch.cat([evidence[0], evidence[0, :1]]).numpy()
     expected = np.interp(azimuth % 360, 7.5 * np.arange(49), circle)
-    value = float(at_azimuths(evidence, torch.tensor([azimuth], dtype=torch.float64)))
+    value = float(interpolate_evidence(evidence, torch.tensor([azimuth], dtype=torch.float64)))
     assert value == pytest.approx(expected, abs=1e-9)
 
 
@@ -114,8 +114,8 @@ def _turned(mesh: Mesh) -> Mesh:
 def test_the_default_prior_knows_chairs_whose_front_is_where_it_expects_it() -> None:
     prior = default_viewpoints()
     chairs = [chair(seed) for seed in range(3)]
-    assert knows(prior, [prepared_model(mesh, typical_camera()) for mesh in chairs])
-    assert not knows(prior, [prepared_model(_turned(mesh), typical_camera()) for mesh in chairs])
+    assert recognizes_models(prior, [prepared_model(mesh, typical_camera()) for mesh in chairs])
+    assert not recognizes_models(prior, [prepared_model(_turned(mesh), typical_camera()) for mesh in chairs])
 
 
 def _scene(index: int, models: dict[str, Mesh], photographs: list[Tensor]) -> Scene:

@@ -11,13 +11,13 @@ from nablahog.pose import estimate_pose
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.vote import (
     Hypothesis,
+    add_rival,
+    compare_shares,
     mean_viewpoint,
     midway_azimuth,
-    more_starts,
     runners_up,
-    shares_of_best,
+    select_starts,
     vote,
-    with_rival,
 )
 
 from .common import SWIVEL, degrees_between, model, photographed
@@ -101,21 +101,21 @@ def test_a_pose_that_fits_better_counts_more() -> None:
 
 
 def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
-    assert [one.azimuth for one in with_rival(poses([0, 10, 90, 180], [5.0, 4.9, 4.3, 4.5]))] == [0, 180]
-    assert [one.azimuth for one in with_rival(poses([0, 350, 180], [5.0, 4.9, 3.9]))] == [0]
+    assert [one.azimuth for one in add_rival(poses([0, 10, 90, 180], [5.0, 4.9, 4.3, 4.5]))] == [0, 180]
+    assert [one.azimuth for one in add_rival(poses([0, 350, 180], [5.0, 4.9, 3.9]))] == [0]
     penalised = poses([0, 180], [5.0, 4.9], penalty=[0.5, 0.0])
-    assert [one.azimuth for one in with_rival(penalised)] == [180, 0]
+    assert [one.azimuth for one in add_rival(penalised)] == [180, 0]
 
 
 def test_more_starts_look_from_elsewhere() -> None:
     views = poses([0, 100, 110, 5, 200], [3.0, 2.0, 1.9, 2.5, 1.0])
-    assert [one.azimuth for one in more_starts(views, views[:1])] == [100, 200]
+    assert [one.azimuth for one in select_starts(views, views[:1])] == [100, 200]
 
 
 def test_runners_up_are_no_symmetric_views() -> None:
     views = poses([0, 90, 180, 270], [4.0, 3.0, 3.5, 2.0])
-    best = views[0].moved(views[0].pose, 6.0, 5.0)
-    others = runners_up(shares_of_best(best, [best], views), best, (180.0,))
+    best = views[0].move(views[0].pose, 6.0, 5.0)
+    others = runners_up(compare_shares(best, [best], views), best, (180.0,))
     assert [(one.azimuth, share) for one, share in others] == [(90, 0.75), (270, 0.5)]
 
 

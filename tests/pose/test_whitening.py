@@ -272,7 +272,7 @@ def test_on_large_windows_it_is_that_of_smaller_ones(monkeypatch: pytest.MonkeyP
     """The inverse decays over cells, so that frequencies of a large window need not be inverted one by one."""
     of, rows, cols = correlated(0.6), 60, 70
     quick = Whitener(of, rows, cols)
-    monkeypatch.setattr(whitening, "_REACH", 1000)
+    monkeypatch.setattr(whitening, "_DECAY", 1000)
     exact = Whitener(of, rows, cols)
     descriptors = torch.rand(2, 2, rows, cols, generator=torch.Generator().manual_seed(0))
     assert_close(quick(descriptors), exact(descriptors), atol=0.01, rtol=0)

@@ -15,8 +15,8 @@ from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.descriptor import describe
 from ..pose import PoseEstimate, estimate_pose
-from ..pose.crop import SIDE, ObjectCrop, checked_box, crop_object
-from ..pose.estimate import known_lens
+from ..pose.crop import SIDE, ObjectCrop, check_box, crop_object
+from ..pose.estimate import choose_lens
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
@@ -60,8 +60,8 @@ class Fitting:
                 f"got {height}x{width} (height x width); choose a larger one",
             )
         with as_request_error():
-            box = checked_box(request.box or (0, 0, width, height), height, width)
-            lens = known_lens(photograph.image, request.focal, None, photograph.image)
+            box = check_box(request.box or (0, 0, width, height), height, width)
+            lens = choose_lens(photograph.image, request.focal, None, photograph.image)
             crop = crop_object(photograph.image, box, focal=lens.focal, axis=lens.principal_point)
         return cls(photograph, model, box, lens.focal, crop)
 

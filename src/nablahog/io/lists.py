@@ -24,7 +24,7 @@ _OTHER_NAMES = dict(zip(("xmin", "ymin", "xmax", "ymax"), SIDES, strict=True))  
 
 
 @dataclass(frozen=True)
-class Row:
+class ListEntry:
     """A row of a table, or an entry of another list: where it is, for messages, and its values by column.
 
     ``decimal`` is the character between whole numbers and fractions.
@@ -74,7 +74,7 @@ def read_list(path: Path, expected: str) -> bytes:
     return path.read_bytes()
 
 
-def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]:
+def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[ListEntry]:
     """The rows below the line of column names, empty ones left out.
 
     Args:
@@ -108,7 +108,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[Row]
             line = reader.line_num
             if any(values.pop(None, ())):  # commas in numbers shift all that follow
                 raise ValueError(f"expected one value per column, {len(names)} in all, got more")
-            rows.append(Row(f"{path}, line {line}", values, "." if delimiter == "," else ","))
+            rows.append(ListEntry(f"{path}, line {line}", values, "." if delimiter == "," else ","))
     except (ValueError, csv.Error) as error:  # UnicodeDecodeError is a ValueError
         raise ValueError(f"{path}, line {line}: {one_line(error)}") from None
     if not rows:
@@ -201,21 +201,21 @@ def _read_json_objects(path: Path) -> list[AnnotatedObject]:
     return list(objects.values())
 
 
-def _entries(path: Path, name: str, entries: list[Any]) -> list[Row]:
+def _entries(path: Path, name: str, entries: list[Any]) -> list[ListEntry]:
     wrong = next((k for k, entry in enumerate(entries) if not isinstance(entry, Mapping)), None)
     if wrong is not None:
         raise ValueError(f"{path}, {name}[{wrong}]: expected an object, got {one_line(repr(entries[wrong]), 60)}")
-    return [Row(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(entries)]
+    return [ListEntry(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(entries)]
 
 
-def _id(row: Row, key: str) -> int:
+def _id(row: ListEntry, key: str) -> int:
     value = row.values.get(key)
     if not isinstance(value, int) or isinstance(value, bool):
         raise row.error(key, f"expected an integer, got {one_line(repr(value), 60)}")
     return value
 
 
-def _inside(row: Row, image: object) -> str:
+def _inside(row: ListEntry, image: object) -> str:
     """The name of a file in the folder of photographs, or below: others are refused."""
     name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
@@ -224,14 +224,14 @@ def _inside(row: Row, image: object) -> str:
     return name
 
 
-def read_object(number: int, row: Row, image: str) -> AnnotatedObject:
+def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
     """The object of a row of either format, in the file ``image``; ValueError, with the row, if a value is wrong."""
     sides = row.numbers(SIDES, "pixels")
     if "bbox" in row.values:
         corner = row.values["bbox"]
         if not isinstance(corner, list) or len(corner) != 4:
             raise row.error("bbox", f"expected x, y, width, height, got {one_line(repr(corner), 60)}")
-        entries = Row(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
+        entries = ListEntry(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
         x, y, width, height = (entries.number(name, "pixels") for name in entries.values)
         sides = [x, y, x + width, y + height]
     box = None if sides is None else Box.of(sides)

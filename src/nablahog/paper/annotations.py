@@ -14,13 +14,13 @@ from torch.nn import functional
 
 from ..hog.box import Box
 from ..io.images import read_image
-from ..io.lists import ANGLES, SIDES, AnnotatedObject, Row, read_csv, read_object
+from ..io.lists import ANGLES, SIDES, AnnotatedObject, ListEntry, read_csv, read_object
 from ..render.models import Model
 from ..runtime.text import one_line
 
 Floats = NDArray[np.float64]
-LEAST = 8  # pixels of a side of a box
-LONGEST = 256  # pixels of the longer side of a box: twice what a search looks at
+MIN_SIDE = 8  # pixels of a side of a box
+MAX_SIDE = 256  # pixels of the longer side of a box: twice what a search looks at
 BEYOND = 1.0  # pixels that a box may reach out of the image, by rounding
 
 
@@ -64,7 +64,7 @@ def read_annotations(
 
     Returns:
         Objects without an initial pose or candidates.  Their names are that of the image and the number of the row, as
-        "a.jpg#2".  Images are shrunk so that the longer side of the box has at most :data:`LONGEST` pixels.
+        "a.jpg#2".  Images are shrunk so that the longer side of the box has at most :data:`MAX_SIDE` pixels.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -95,7 +95,7 @@ def read_annotations(
     return examples
 
 
-def _image(row: Row, folder: Path) -> Tensor:
+def _image(row: ListEntry, folder: Path) -> Tensor:
     if not row.text("image"):
         raise row.error("image", "expected the name of a file, got ''")
     try:
@@ -104,22 +104,22 @@ def _image(row: Row, folder: Path) -> Tensor:
         raise row.error("image", one_line(error)) from None
 
 
-def _example(row: Row, annotated: AnnotatedObject, image: Tensor) -> Example:
+def _example(row: ListEntry, annotated: AnnotatedObject, image: Tensor) -> Example:
     if annotated.view is None or annotated.theta is None:
         raise row.error("theta", f"expected numbers in the columns {', '.join(ANGLES)}, got none")
     box, (azimuth, elevation) = _box(row, annotated.box, *image.shape[1:]), annotated.view
-    small, scale = _shrunk(image, LONGEST / max(box.width, box.height))
+    small, scale = _shrunk(image, MAX_SIDE / max(box.width, box.height))
     inside = Box.of(side * scale[k % 2] for k, side in enumerate(box))
     name = f"{annotated.image}#{annotated.id}"
     return Example(name, small, inside, azimuth % 360, elevation, annotated.theta, annotated.model)
 
 
-def _box(row: Row, box: Box | None, height: int, width: int) -> Box:
+def _box(row: ListEntry, box: Box | None, height: int, width: int) -> Box:
     """The box, cut to the image, which it may leave by a rounding."""
     if box is None:
         raise row.error("x0", "expected a box, got none")
-    if min(box.width, box.height) < LEAST:
-        raise row.error("x1", f"expected a box of at least {LEAST}x{LEAST} pixels, got {tuple(box)}")
+    if min(box.width, box.height) < MIN_SIDE:
+        raise row.error("x1", f"expected a box of at least {MIN_SIDE}x{MIN_SIDE} pixels, got {tuple(box)}")
     if min(box.x0, box.y0) < -BEYOND or box.x1 > width + BEYOND or box.y1 > height + BEYOND:
         raise row.error(
             "x0", f"the box must lie in the image of {height}x{width} pixels (height x width), got {tuple(box)}"

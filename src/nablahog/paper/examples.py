@@ -29,8 +29,8 @@ _OUTWARDS = np.array([-1, -1, 1, 1])
 Change: TypeAlias = Callable[[Example, Generator], Example]
 
 
-def _unchanged(one: Example, generator: Generator) -> Example:
-    return one
+def _keep(example: Example, generator: Generator) -> Example:
+    return example
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Condition:
     >>> from nablahog.hog.box import Box
     >>> from nablahog.paper.annotations import Example
     >>> from nablahog.paper.examples import CONDITIONS
-    >>> one = Example("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
-    >>> tuple(map(float, CONDITIONS["larger-20"].applied(one, seed=0, index=0).box))
+    >>> example = Example("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
+    >>> tuple(map(float, CONDITIONS["larger-20"].apply(example, seed=0, index=0).box))
     (10.0, 0.0, 130.0, 120.0)
     """
 
     about: str
-    change: Change = _unchanged
+    change: Change = _keep
     viewpoint: Callable[[Floats, Generator], Floats] | None = None
     has_initial: bool = True
     settings: SceneSettings = _EXACT
@@ -63,9 +63,9 @@ class Condition:
         """Whether only the box or the initial pose changes, so that photographs have it as well as scenes."""
         return self.viewpoint is None and self.settings is _EXACT
 
-    def applied(self, one: Example, seed: int, index: int) -> Example:
+    def apply(self, example: Example, seed: int, index: int) -> Example:
         """The object number ``index`` under this condition."""
-        return self._changed(one, _generator(seed, index))
+        return self._apply_change(example, _generator(seed, index))
 
     def scene(
         self,
@@ -83,64 +83,68 @@ class Condition:
         generator = _generator(seed, index)
         if self.viewpoint is not None:
             viewpoints = self.viewpoint(viewpoints[generator.integers(len(viewpoints))].copy(), generator)[None]
-        made = scene(index, models, viewpoints, photographs, seed=seed, settings=self.settings)
-        return self._changed(made.annotated(f"{index:04d}"), generator)
+        rendered = scene(index, models, viewpoints, photographs, seed=seed, settings=self.settings)
+        return self._apply_change(rendered.annotated(f"{index:04d}"), generator)
 
-    def _changed(self, one: Example, generator: Generator) -> Example:
-        return self.change(one if self.has_initial else replace(one, initial=None), generator)
+    def _apply_change(self, example: Example, generator: Generator) -> Example:
+        return self.change(example if self.has_initial else replace(example, initial=None), generator)
 
 
 def _generator(seed: int, index: int) -> Generator:
     return np.random.default_rng([seed, index, 1])
 
 
-def _moved(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
+def _move_sides(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
     """A change that moves the sides of a box to the right and downwards by shares of its width and height."""
 
-    def change(one: Example, generator: Generator) -> Example:
-        assert one.box is not None
-        by = sides(generator) * np.tile([one.box.width, one.box.height], 2)
-        return replace(one, box=Box.of(np.array(one.box) + by))
+    def change(example: Example, generator: Generator) -> Example:
+        assert example.box is not None
+        by = sides(generator) * np.tile([example.box.width, example.box.height], 2)
+        return replace(example, box=Box.of(np.array(example.box) + by))
 
     return change
 
 
-def _off(share: float) -> Change:
-    return _moved(lambda generator: share * generator.choice([-1, 1], 4))
+def _shift_sides(share: float) -> Change:
+    return _move_sides(lambda generator: share * generator.choice([-1, 1], 4))
 
 
-def _cut(share: float) -> Change:
-    return _moved(lambda generator: -share * _OUTWARDS * np.eye(4)[int(generator.integers(4))])
+def _cut_side(share: float) -> Change:
+    return _move_sides(lambda generator: -share * _OUTWARDS * np.eye(4)[int(generator.integers(4))])
 
 
-def _no_box(one: Example, generator: Generator) -> Example:
-    return replace(one, box=None)
+def _remove_box(example: Example, generator: Generator) -> Example:
+    return replace(example, box=None)
 
 
-def _tilted(viewpoint: Floats, generator: Generator) -> Floats:
+def _tilt_view(viewpoint: Floats, generator: Generator) -> Floats:
     viewpoint[2] = generator.choice([-1, 1]) * generator.uniform(12, 45)
     return viewpoint
 
 
-def _steep(viewpoint: Floats, generator: Generator) -> Floats:
+def _raise_view(viewpoint: Floats, generator: Generator) -> Floats:
     viewpoint[1] = generator.uniform(-20, 75)
     return viewpoint
 
 
 CONDITIONS: Mapping[str, Condition] = {
     "exact": Condition("The box is exact."),
-    "sides-5": Condition("Each side of the box is 5 % of its width or height off, inwards or outwards.", _off(0.05)),
-    "sides-10": Condition("Each side of the box is 10 % of its width or height off, inwards or outwards.", _off(0.1)),
-    "larger-20": Condition("The box is 20 % wider and higher.", _moved(lambda generator: 0.1 * _OUTWARDS)),
-    "cut-15": Condition("One side of the box is 15 % too far inside.", _cut(0.15)),
-    "cut-30": Condition("One side of the box is 30 % too far inside.", _cut(0.3)),
-    "no-box": Condition("There is no box; methods without a search for it take the whole photograph.", _no_box),
+    "sides-5": Condition(
+        "Each side of the box is 5 % of its width or height off, inwards or outwards.", _shift_sides(0.05)
+    ),
+    "sides-10": Condition(
+        "Each side of the box is 10 % of its width or height off, inwards or outwards.", _shift_sides(0.1)
+    ),
+    "larger-20": Condition("The box is 20 % wider and higher.", _move_sides(lambda generator: 0.1 * _OUTWARDS)),
+    "cut-15": Condition("One side of the box is 15 % too far inside.", _cut_side(0.15)),
+    "cut-30": Condition("One side of the box is 30 % too far inside.", _cut_side(0.3)),
+    "no-box": Condition("There is no box; methods without a search for it take the whole photograph.", _remove_box),
     "tilted": Condition(
-        "In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilted, has_initial=False
+        "In-plane rotations of 12 to 45°; no initial pose is given.", viewpoint=_tilt_view, has_initial=False
     ),
     "steep": Condition(
         "Elevations of −20 to 75°: from high up, azimuth and in-plane rotation look alike; no initial pose is given.",
-        viewpoint=_steep,
+        viewpoint=_raise_view,
         has_initial=False,
     ),
     "renderer": Condition(
@@ -162,7 +166,7 @@ class Examples:
     failed: Mapping[str, str] = field(default_factory=dict)
 
 
-def photographed(
+def photograph_examples(
     objects: Sequence[Example],
     models: Sequence[Model],
     *,
@@ -188,14 +192,14 @@ def photographed(
         ValueError: an object has no candidate.
     """
     examples = []
-    for index, each in enumerate(objects):
-        candidates = tuple(model for model in models if not (unknown_model and model.name == each.model))
+    for index, annotated in enumerate(objects):
+        candidates = tuple(model for model in models if not (unknown_model and model.name == annotated.model))
         if not candidates:
-            raise ValueError(f"{each.name}: there is no candidate model")
-        one = replace(each, initial=None, candidates=candidates)
+            raise ValueError(f"{annotated.name}: there is no candidate model")
+        example = replace(annotated, initial=None, candidates=candidates)
         if condition:
-            one = replace(CONDITIONS[condition].applied(one, seed, index), name=f"{condition}/{one.name}")
-        examples.append(one)
+            example = replace(CONDITIONS[condition].apply(example, seed, index), name=f"{condition}/{example.name}")
+        examples.append(example)
     among = f"{counted(len(models), 'model')}{', without its own or the one most like it' if unknown_model else ''}"
     return Examples(examples, f"{origin} Candidates for each: {among}; no pose is given.", failed or {})
 
@@ -216,7 +220,7 @@ class _Meshes(Mapping[str, Mesh]):
         return len(self._models)
 
 
-def rendered(
+def render_examples(
     count: int,
     models: Sequence[Model],
     viewpoints: NDArray[np.float64],
@@ -247,10 +251,10 @@ def rendered(
     meshes, scenes = _Meshes(models), CONDITIONS[condition] if condition else PLAIN
     objects = []
     for index in range(count):
-        one = scenes.scene(index, meshes, viewpoints, photographs, seed=seed)
-        candidates = tuple(model for model in models if (model.name == one.model) != unknown_model)
-        name = f"{condition}/{one.name}" if condition else one.name
-        objects.append(replace(one, name=name, candidates=candidates))
+        example = scenes.scene(index, meshes, viewpoints, photographs, seed=seed)
+        candidates = tuple(model for model in models if (model.name == example.model) != unknown_model)
+        name = f"{condition}/{example.name}" if condition else example.name
+        objects.append(replace(example, name=name, candidates=candidates))
     by = "all models but its own" if unknown_model else "its own model"
     start = "from a random azimuth and an elevation near the true one"
     return Examples(objects, f"{counted(count, 'scene')} of {origin}. Each object is compared with {by}, {start}.")

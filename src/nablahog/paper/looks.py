@@ -20,13 +20,13 @@ from ..render.camera import rotations, to_camera, to_screen
 Floats: TypeAlias = NDArray[np.float64]
 
 _FAR = 50.0  # distance of the lamp in units of the mesh: its rays are nearly parallel
-_MAP = 384  # pixels along a side of the shadow map, the depths seen from the lamp
+_MAP_SIDE = 384  # pixels along a side of the shadow map, the depths seen from the lamp
 _BIAS = 0.008  # of the shadow map in units of the mesh, so that a surface does not shade itself
-_SOFT = 0.7  # pixels, σ of the edges of shadows
-_SHARPNESS = 25.0  # exponent of highlights
+_SHADOW_BLUR = 0.7  # pixels, σ of the edges of shadows
+_SHININESS = 25.0  # exponent of highlights
 
 
-def relit(
+def relight(
     picture: Floats,
     opacity: Floats,
     mesh: Mesh,
@@ -53,21 +53,23 @@ def relit(
     covered = depth[0].isfinite()
     rotation = rotations(pose[None])[0]
     normals = (rotation.T @ facing[0].reshape(3, -1)).T  # in the object's frame
-    points, rays, floor = _seen(mesh, pose, camera, rotation, depth[0])
-    dark = _occluded(mesh, toward, points).reshape(depth[0].shape)
+    points, rays, floor = _cast_rays(mesh, pose, camera, rotation, depth[0])
+    dark = _find_shadow(mesh, toward, points).reshape(depth[0].shape)
     away = (normals @ toward <= 0).reshape(dark.shape)
-    on_object = _soft(torch.where(covered, dark | away, False))
-    on_floor = _soft(torch.where(~covered & floor, dark, False))
+    on_object = _soften(torch.where(covered, dark | away, False))
+    on_floor = _soften(torch.where(~covered & floor, dark, False))
     ambient = render(mesh, pose[None], camera, background=0.0, light=Light(light.direction, light.ambient, 0.0))
     shaded = picture + shadow * on_object * (ambient[0, 0].double().numpy() - picture)
     half = torch.nn.functional.normalize(toward - rays, dim=1)
-    mirrored = (normals * half).sum(1).clamp(min=0).reshape(dark.shape) ** _SHARPNESS
+    mirrored = (normals * half).sum(1).clamp(min=0).reshape(dark.shape) ** _SHININESS
     shine = gloss * np.where(covered.numpy(), mirrored.numpy(), 0) * (1 - on_object)
     glossy: Floats = np.minimum(shaded + shine * opacity, opacity)
     return glossy, 1 - (1 - opacity) * (1 - shadow * (1 - light.ambient) * on_floor)
 
 
-def _seen(mesh: Mesh, pose: Tensor, camera: Camera, rotation: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _cast_rays(
+    mesh: Mesh, pose: Tensor, camera: Camera, rotation: Tensor, depth: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
     """Points (H·W, 3) of the object or the floor, in the object's frame, unit rays (H·W, 3), and where the floor is."""
     rows, cols = torch.meshgrid(
         torch.arange(camera.height, dtype=torch.float64), torch.arange(camera.width, dtype=torch.float64), indexing="ij"
@@ -83,27 +85,27 @@ def _seen(mesh: Mesh, pose: Tensor, camera: Camera, rotation: Tensor, depth: Ten
     return origin + far[:, None] * rays, unit, floor.reshape(depth.shape)
 
 
-def _occluded(mesh: Mesh, toward: Tensor, points: Tensor) -> Tensor:
+def _find_shadow(mesh: Mesh, toward: Tensor, points: Tensor) -> Tensor:
     """Whether the mesh is between points (N, 3) and a far lamp in the direction ``toward`` (3,)."""
     x, y, z = toward.tolist()
     lamp = make_pose(math.degrees(math.atan2(x, -y)), math.degrees(math.asin(z)), _FAR)
-    camera = Camera(0.95 * _FAR * _MAP, _MAP, _MAP)
+    camera = Camera(0.95 * _FAR * _MAP_SIDE, _MAP_SIDE, _MAP_SIDE)
     nearest = depth_and_normals(mesh, lamp, camera)[0][0]
     screen = to_screen(to_camera(points, lamp), lamp, camera)[0]
     col, row = screen[:, 0].floor().long(), screen[:, 1].floor().long()
-    inside = (col >= 0) & (col < _MAP) & (row >= 0) & (row < _MAP)
+    inside = (col >= 0) & (col < _MAP_SIDE) & (row >= 0) & (row < _MAP_SIDE)
     first = torch.full_like(screen[:, 0], math.inf)
     first[inside] = nearest[row[inside], col[inside]]
     behind: Tensor = 1 / screen[:, 2] > first + _BIAS
     return behind
 
 
-def _soft(mask: Tensor) -> Floats:
-    blurred: Floats = ndimage.gaussian_filter(mask.double().numpy(), _SOFT, mode="nearest")
+def _soften(mask: Tensor) -> Floats:
+    blurred: Floats = ndimage.gaussian_filter(mask.double().numpy(), _SHADOW_BLUR, mode="nearest")
     return blurred
 
 
-def compressed(image: Floats, quality: int) -> Floats:
+def compress_jpeg(image: Floats, quality: int) -> Floats:
     """An image (3, H, W) in 0…1, (3, H, W), after compression as a JPEG file of ``quality`` 1…95."""
     levels = np.rint(image * 255).astype(np.uint8).transpose(1, 2, 0)
     file = io.BytesIO()

@@ -44,7 +44,7 @@ Run: TypeAlias = Callable[[Tensor, Table1Settings], Sequence[MethodOutput]]
 
 
 @dataclass(frozen=True)
-class Method:
+class ReconstructionMethod:
     """A method of the table.
 
     Attributes:
@@ -82,7 +82,7 @@ Scales: TypeAlias = Literal["one descriptor", "one each"]
 """The input of a multi-scale method: the descriptor of the image, or one for each level (multi-scale-more)."""
 
 
-def _searched(
+def _run_search(
     image: Tensor,
     settings: Table1Settings,
     *,
@@ -97,7 +97,7 @@ def _searched(
         options["method"] = AsPublished(max_evaluations=settings.max_evaluations)
     else:
         options["search"] = Search(max_evaluations=settings.max_evaluations)
-        options["prior"] = [_needed(kind, settings) for kind in priors] or None
+        options["prior"] = [_load_needed(kind, settings) for kind in priors] or None
     size = (image.shape[2], image.shape[3])
     if scales is None:
         return [_output(reconstruct(hog(image, spec), spec, size, **options))]
@@ -115,20 +115,20 @@ def _output(result: Reconstruction) -> MethodOutput:
     return MethodOutput(result.image[0, 0], float(result.distance[0]))
 
 
-def _needed(kind: str, settings: Table1Settings) -> Any:
+def _load_needed(kind: str, settings: Table1Settings) -> Any:
     if kind not in settings.learned:
         raise ValueError(f"this method needs a file made by `nablahog learn {PRIORS.get(kind, kind)}`")
     return load(kind, local_path(settings.learned[kind]))
 
 
 def _bovw(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
-    bovw = _needed("bovw", settings)
+    bovw = _load_needed("bovw", settings)
     return [_output(bovw.reconstruct(bovw.histogram(image), seed=settings.seed))]
 
 
 def _hoggles(image: Tensor, settings: Table1Settings) -> list[MethodOutput]:
     size = (image.shape[2], image.shape[3])
-    return [_output(_needed("hoggles", settings).reconstruct(hog(image, SPEC), SPEC, size))]
+    return [_output(_load_needed("hoggles", settings).reconstruct(hog(image, SPEC), SPEC, size))]
 
 
 def _cnn_hog(image: Tensor, settings: Table1Settings, *, bilinear: bool) -> list[MethodOutput]:
@@ -145,16 +145,16 @@ def _search(
     asked: bool = False,
     published: bool = False,
     learned: bool = False,
-) -> Method:
-    """The method that runs :func:`_searched` with these options."""
+) -> ReconstructionMethod:
+    """The method that runs :func:`_run_search` with these options."""
     priors: tuple[str, ...] = ()
     if learned:
         priors = ("prior",) if linear_vote_spec(spec).signed else ("unsigned-prior", "prior")
-    run = partial(_searched, spec=spec, scales=scales, published=published, priors=priors)
-    return Method(name, group, run, spec, scales is not None, priors, asked)
+    run = partial(_run_search, spec=spec, scales=scales, published=published, priors=priors)
+    return ReconstructionMethod(name, group, run, spec, scales is not None, priors, asked)
 
 
-def _three(prefix: str, group: str, spec: HOGSpec, *, published: bool = False) -> list[Method]:
+def _scale_methods(prefix: str, group: str, spec: HOGSpec, *, published: bool = False) -> list[ReconstructionMethod]:
     """Single-scale, multi-scale and multi-scale-more."""
     search = partial(_search, group=group, spec=spec, published=published, asked=published)
     return [
@@ -168,15 +168,15 @@ _DALAL = presets.paper()
 METHODS = {
     method.name: method
     for method in (
-        Method("bovw", NO_HOG, _bovw, needs=("bovw",)),
-        Method("hoggles", UOCTTI, _hoggles, SPEC, needs=("hoggles",)),
-        Method("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
-        Method("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
+        ReconstructionMethod("bovw", NO_HOG, _bovw, needs=("bovw",)),
+        ReconstructionMethod("hoggles", UOCTTI, _hoggles, SPEC, needs=("hoggles",)),
+        ReconstructionMethod("cnn-hog", UOCTTI, partial(_cnn_hog, bilinear=False)),
+        ReconstructionMethod("cnn-hogb", UOCTTI, partial(_cnn_hog, bilinear=True)),
         _search("paper-uoctti-single", UOCTTI, SPEC, published=True, asked=True),
-        *_three("uoctti", UOCTTI, SPEC),
+        *_scale_methods("uoctti", UOCTTI, SPEC),
         _search("uoctti-learned", UOCTTI, SPEC, learned=True),
-        *_three("paper-dalal", DALAL, _DALAL, published=True),
-        *_three("dalal", DALAL, _DALAL),
+        *_scale_methods("paper-dalal", DALAL, _DALAL, published=True),
+        *_scale_methods("dalal", DALAL, _DALAL),
         _search("dalal-learned", DALAL, _DALAL, learned=True),
         _search("dalal-multi-scale-more-learned", DALAL, _DALAL, "one each", learned=True),
         *(_search(name, LIBRARIES, spec, asked=True) for name, spec in DIALECTS.items()),
@@ -188,7 +188,7 @@ METHODS = {
 
 def choose(
     names: Sequence[str] | None, files: Collection[str], shipped: Collection[str] = ()
-) -> tuple[list[Method], list[Method]]:
+) -> tuple[list[ReconstructionMethod], list[ReconstructionMethod]]:
     """Chooses the methods to run, and lists those left out for want of a file; both in the order of the table.
 
     Args:
@@ -202,8 +202,8 @@ def choose(
     methods = [m for name, m in METHODS.items() if (name in names if names is not None else not m.asked)]
     for kind in files:
         if not any(kind in method.needs for method in methods):
-            of = ", ".join(method.name for method in METHODS.values() if kind in method.needs)
-            raise ValueError(f"none of the methods asked for uses a file of {kind}; these do: {of}")
+            usable = ", ".join(method.name for method in METHODS.values() if kind in method.needs)
+            raise ValueError(f"none of the methods asked for uses a file of {kind}; these do: {usable}")
     lacking = {
         method.name: kind
         for method in methods

@@ -64,9 +64,9 @@ class Selection:
 
     def summary(self) -> str:
         """A sentence: how many objects there are, and how many are left out for which reason."""
-        photographs = len({each.name.partition("#")[0] for each in self.objects})
+        photographs = len({example.name.partition("#")[0] for example in self.objects})
         why = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
-        coarse = len(self.coarse & {each.name for each in self.objects})
+        coarse = len(self.coarse & {example.name for example in self.objects})
         roughly = f", {coarse} of them with coarse viewpoints only" if coarse else ""
         objects = f"{counted(len(self.objects), 'object')} of {counted(photographs, 'photograph')}"
         return f"{objects}{roughly}; left out: {why or 'none'}."
@@ -84,14 +84,14 @@ def read_record(path: Path) -> list[Record]:
     variables = read_mat(path)
     try:
         (record,) = _structures(variables, "record")
-        return [_record(each) for each in _structures(record, "objects")]
+        return [_record(fields) for fields in _structures(record, "objects")]
     except ValueError as error:
         raise ValueError(f"{path}: expected a record of PASCAL3D+, but {one_line(error)}") from None
 
 
 def _structures(fields: dict[str, Any], name: str) -> list[dict[str, Any]]:
     value = fields.get(name)
-    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+    if not isinstance(value, list) or not all(isinstance(fields, dict) for fields in value):
         raise ValueError(f"{name} is no structure")
     return value
 
@@ -181,18 +181,18 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
     """Adds all objects of an image, or none if a file cannot be read."""
     try:
         annotated = read_annotation(voc / "Annotations" / f"{image_id}.xml")
-        numbered = [(number, each) for number, each in enumerate(annotated, start=1) if each.category == category]
-        usable = [(number, each) for number, each in numbered if each.flaw is None]
+        numbered = [(number, listed) for number, listed in enumerate(annotated, start=1) if listed.category == category]
+        usable = [(number, listed) for number, listed in numbered if listed.flaw is None]
         objects: list[Example] = []
         if usable:  # the other photographs need not be read
             photograph = read_image(voc / "JPEGImages" / f"{image_id}.jpg")
-            candidates = [each for each in read_record(records / f"{image_id}.mat") if each.category == category]
-            for number, each in usable:
-                record = max(candidates, key=lambda one: each.box.iou(one.box), default=None)
-                if record is None or record.viewpoint is None or each.box.iou(record.box) < SAME_BOX:
+            candidates = [found for found in read_record(records / f"{image_id}.mat") if found.category == category]
+            for number, listed in usable:
+                record = max(candidates, key=lambda found: listed.box.iou(found.box), default=None)
+                if record is None or record.viewpoint is None or listed.box.iou(record.box) < SAME_BOX:
                     continue
                 model = None if record.cad is None else f"{record.cad:02d}"
-                picture = cut_out(photograph, each.box)
+                picture = cut_out(photograph, listed.box)
                 whole = Box(0.0, 0.0, float(picture.shape[2]), float(picture.shape[1]))
                 name = f"{image_id}#{number}"
                 objects.append(Example(name, picture, whole, *record.viewpoint, model))
@@ -202,7 +202,7 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
         result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
         return
     result.objects += objects
-    result.left_out.update(each.flaw for _, each in numbered if each.flaw is not None)
+    result.left_out.update(listed.flaw for _, listed in numbered if listed.flaw is not None)
     result.left_out.update(["without a viewpoint"] * (len(usable) - len(objects)))
 
 

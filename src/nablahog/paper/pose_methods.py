@@ -18,7 +18,7 @@ from ..pose.model import fit_to_box, level_poses, prepared_model
 from ..pose.options import SearchMethod
 from ..render import Camera, Mesh, silhouette
 from .baselines.exemplar import Detection, detect
-from .baselines.exemplar_views import SPEC, ExemplarLibrary, ExemplarViews
+from .baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarLibrary, ExemplarViews
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def _outcome(pose: Tensor, camera: Camera, model: str, similarity: float) -> Pos
 
 @lru_cache(maxsize=2)
 def _library(folder: Path | None) -> ExemplarLibrary:
-    return ExemplarLibrary(folder, default_background(SPEC))
+    return ExemplarLibrary(folder, default_background(EXEMPLAR_SPEC))
 
 
 def _views(problem: PoseInput, settings: Table2Settings) -> dict[str, ExemplarViews]:
@@ -127,7 +127,7 @@ def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     start = level_poses(torch.tensor([detected.azimuth], dtype=torch.float64), detected.elevation)
     model = prepared_model(problem.models[detected.model], crop.camera)
     placed = fit_to_box(start, model.hull, crop.camera, crop.size)[0]
-    pose, camera = crop.in_photograph(placed, height, width)
+    pose, camera = crop.place_in_photograph(placed, height, width)
     return _outcome(pose, camera, detected.model, detected.confidence)
 
 

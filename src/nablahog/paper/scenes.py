@@ -22,14 +22,14 @@ from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
 from .annotations import Example
-from .looks import compressed, relit
+from .looks import compress_jpeg, relight
 
 Floats: TypeAlias = NDArray[np.float64]
-Range: TypeAlias = tuple[float, float]
+Bounds: TypeAlias = tuple[float, float]
 
 CHAIRS = Path(__file__).with_name("chairs.npz")
 """The 24 procedural chairs in the scenes of Table 2, by name; :func:`nablahog.sample_chairs` has others."""
-_MARGIN = 6  # pixels between the object and the image's border
+_BORDER = 6  # pixels between the object and the image's border
 
 
 @dataclass(frozen=True)
@@ -63,22 +63,22 @@ class SceneSettings:
     """
 
     size: int = 224
-    height: Range = (100.0, 140.0)
-    distance: Range = (2.5, 4.0)
-    albedo: Range = (0.5, 1.2)
-    ambient: Range = (0.2, 0.6)
+    height: Bounds = (100.0, 140.0)
+    distance: Bounds = (2.5, 4.0)
+    albedo: Bounds = (0.5, 1.2)
+    ambient: Bounds = (0.2, 0.6)
     tint: float = 0.1
-    contrast: Range = (0.5, 1.2)
-    zoom: Range = (0.6, 1.8)
+    contrast: Bounds = (0.5, 1.2)
+    zoom: Bounds = (0.6, 1.8)
     occlusion: float = 0.25
-    occluded: Range = (0.05, 0.2)
-    blur: Range = (0.0, 1.0)
-    gamma: Range = (0.75, 1.33)
-    exposure: Range = (0.8, 1.2)
-    noise: Range = (0.0, 0.03)
+    occluded: Bounds = (0.05, 0.2)
+    blur: Bounds = (0.0, 1.0)
+    gamma: Bounds = (0.75, 1.33)
+    exposure: Bounds = (0.8, 1.2)
+    noise: Bounds = (0.0, 0.03)
     shadow: float = 0.0
     gloss: float = 0.0
-    jpeg: Range = (0.0, 0.0)
+    jpeg: Bounds = (0.0, 0.0)
     box_jitter: float = 0.02
     elevation_error: float = 5.0
 
@@ -92,9 +92,9 @@ class SceneSettings:
             raise ValueError("occlusion, tint, shadow, gloss, ambient and occluded must lie in 0…1")
         if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
             raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
-        if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _MARGIN:
+        if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _BORDER:
             raise ValueError(
-                f"distance must be above 1 and height between 1 and size - {2 * _MARGIN}, "
+                f"distance must be above 1 and height between 1 and size - {2 * _BORDER}, "
                 f"got {self.distance}, {self.height} and the size {self.size}"
             )
         if min(self.occluded[0], self.zoom[0], self.gamma[0]) <= 0:
@@ -176,7 +176,7 @@ def scene(
     picture, coverage = _render(models[name], pose, camera, settings, generator)
     image = compose(picture, coverage, box, photographs, settings, generator)
     if settings.jpeg[1]:
-        image = compressed(image, round(generator.uniform(*settings.jpeg)))
+        image = compress_jpeg(image, round(generator.uniform(*settings.jpeg)))
     pixels = torch.from_numpy(image.astype(np.float32))
     jittered = _jitter(box, settings, generator)
     return Scene(name, pixels, jittered, pose, camera, torch.tensor(initial, dtype=torch.float64))
@@ -194,11 +194,11 @@ def _place(
         return screen.amin(0).numpy(), screen.amax(0).numpy()
 
     low, high = extent(Camera(1.0, settings.size, settings.size))
-    room = settings.size - 2 * _MARGIN
+    room = settings.size - 2 * _BORDER
     focal = min(generator.uniform(*settings.height) / (high - low)[1], room / (high - low)[0])
     camera = Camera(float(focal), settings.size, settings.size)
     low, high = extent(camera)
-    corner = _MARGIN + generator.random(2) * (room - (high - low))
+    corner = _BORDER + generator.random(2) * (room - (high - low))
     poses[0, 4:6] = torch.from_numpy(corner - low)
     return poses[0], camera, Box.of((*corner.tolist(), *(corner + high - low).tolist()))
 
@@ -219,8 +219,8 @@ def _render(
     coverage = (1 - (white - black)).clip(0, 1)
     if settings.shadow or settings.gloss:
         strength = {"shadow": settings.shadow, "gloss": settings.gloss}
-        black, coverage = relit(black, coverage, seen, pose, camera, light, **strength)
-    return _colours(settings.tint, generator) * black, coverage
+        black, coverage = relight(black, coverage, seen, pose, camera, light, **strength)
+    return _draw_colours(settings.tint, generator) * black, coverage
 
 
 def compose(
@@ -266,7 +266,7 @@ def _clutter(
     photographs: Sequence[Picture], shape: tuple[int, ...], settings: SceneSettings, generator: np.random.Generator
 ) -> Floats:
     """A random crop (3, H, W) of a photograph, rescaled, mirrored or not, of another contrast, tinted if gray."""
-    photo = _checked(photographs[int(generator.integers(len(photographs)))])
+    photo = _check_photograph(photographs[int(generator.integers(len(photographs)))])
     room = np.array(photo.shape[1:])
     zoom = min(generator.uniform(*settings.zoom), *(room / shape))
     sides = np.minimum(np.array(shape) * zoom, room).astype(int).clip(min=1)
@@ -277,17 +277,17 @@ def _clutter(
     tensor = torch.from_numpy(part.copy())[None]
     scaled: Floats = functional.interpolate(tensor, shape, mode="bicubic", antialias=True)[0].numpy()
     scaled = scaled.mean() + generator.uniform(*settings.contrast) * (scaled - scaled.mean())
-    return np.asarray(scaled if len(photo) == 3 else scaled * _colours(settings.tint, generator)).clip(0, 1)
+    return np.asarray(scaled if len(photo) == 3 else scaled * _draw_colours(settings.tint, generator)).clip(0, 1)
 
 
-def _colours(tint: float, generator: np.random.Generator) -> Floats:
+def _draw_colours(tint: float, generator: np.random.Generator) -> Floats:
     """(3, 1, 1): random factors of R, G and B that do not change the gray of Eq. 1."""
     factors = 1 + tint * generator.uniform(-1, 1, 3)
     balanced: Floats = (factors / np.dot(GRAY_WEIGHTS, factors))[:, None, None]
     return balanced
 
 
-def _checked(picture: Picture) -> Floats:
+def _check_photograph(picture: Picture) -> Floats:
     values = as_array(picture)
     if values.ndim == 2:
         values = values[None]

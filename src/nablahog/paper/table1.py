@@ -17,9 +17,9 @@ from ..io.images import as_array
 from ..io.photographs import Photographs
 from ..jobs.store import JobResult, digest, key_of
 from ..runtime.cache import code_key
-from .methods import Method, MethodOutput, Table1Settings
+from .methods import MethodOutput, ReconstructionMethod, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
-from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
+from .tables import Results, Statistics, run, spread_evenly, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "distance")
 SHOWN = 6  # images on the page
@@ -31,7 +31,7 @@ Figures: TypeAlias = dict[str, float | None]  # by metric; None where one is not
 class ReconstructionJob:
     """One method on one image, (H, W) float32 in 0…1."""
 
-    method: Method
+    method: ReconstructionMethod
     image: NDArray[np.float32]
     settings: Table1Settings
 
@@ -64,8 +64,8 @@ class ReconstructionJob:
         seconds = time.perf_counter() - began
         if len(outputs) != len(self.method.rows):
             raise TypeError(f"expected one output for each of {', '.join(self.method.rows)}, got {len(outputs)}")
-        pictures = np.stack([np.rint(as_array(one.image) * 255) for one in outputs])
-        return JobResult([_figures(one, self.image) for one in outputs], pictures.astype(np.uint8), seconds)
+        pictures = np.stack([np.rint(as_array(output.image) * 255) for output in outputs])
+        return JobResult([_figures(output, self.image) for output in outputs], pictures.astype(np.uint8), seconds)
 
     def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture of the image's size for each row."""
@@ -83,7 +83,7 @@ def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
 
 
 @dataclass(frozen=True)
-class Line:
+class Table1Row:
     """A row of the table: statistics by metric, and the means that the paper prints.
 
     ``seconds`` is the mean time for an image; None for levels and for methods that did not run.
@@ -100,34 +100,38 @@ class Line:
 class Table1(Results):
     """The results of the methods that ran on some photographs."""
 
-    methods: Sequence[Method]
+    methods: Sequence[ReconstructionMethod]
     photographs: Photographs
 
-    def lines(self) -> list[Line]:
+    def table_rows(self) -> list[Table1Row]:
         """The table, group by group: the paper's baselines that did not run, then the methods that did."""
         ran = {method.name for method in self.methods}
         lines = []
         for group in GROUPS:
             rows = [row for row in BASELINES.get(group, ()) if row not in ran]
             rows += [row for method in self.methods if method.group == group for row in method.rows]
-            lines += [self._line(row, group) for row in rows]
+            lines += [self._table_row(row, group) for row in rows]
         return lines
 
-    def _line(self, row: str, group: str) -> Line:
+    def _table_row(self, row: str, group: str) -> Table1Row:
         figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})
-        values = {metric: [each[metric] for each in figures.values()] for metric in METRICS}
+        values = {metric: [measures[metric] for measures in figures.values()] for metric in METRICS}
         published = dict(zip(("cc", "mi", "ssim"), PUBLISHED.get(row, ()), strict=False))
-        return Line(
+        return Table1Row(
             row,
             group,
-            {metric: statistics([v for v in of if v is not None]) for metric, of in values.items()},
+            {metric: statistics([v for v in column if v is not None]) for metric, column in values.items()},
             {metric: published.get(metric) for metric in METRICS},
             sum(seconds.values()) / len(seconds) if seconds else None,
         )
 
 
 def run_table1(
-    folder: Path, photographs: Photographs, methods: Sequence[Method], settings: Table1Settings, **options: Any
+    folder: Path,
+    photographs: Photographs,
+    methods: Sequence[ReconstructionMethod],
+    settings: Table1Settings,
+    **options: Any,
 ) -> Table1:
     """The table of some images, whose results are stored in ``folder``.
 
@@ -139,7 +143,7 @@ def run_table1(
         for method in methods
     }
     rows = {method.name: method.rows for method in methods}
-    shown = evenly_spread(list(photographs.images), SHOWN)
+    shown = spread_evenly(list(photographs.images), SHOWN)
     results = run(folder, jobs, rows, photographs.failed, shown, **options)
     return Table1(**vars(results), methods=methods, photographs=photographs)
 
@@ -149,7 +153,7 @@ def write_table1(folder: Path, table: Table1) -> None:
 
     Only the times differ between runs of the same settings, however often they were interrupted.
     """
-    lines = table.lines()
+    lines = table.table_rows()
     files: dict[str, list[Sequence[object]]] = {
         "per_image.csv": [("method", "image", *METRICS)],
         "summary.csv": [("method", "metric", "mean", "median", "low", "high", "paper", "n")],
@@ -159,9 +163,9 @@ def write_table1(folder: Path, table: Table1) -> None:
     for line in lines:
         for image, figures in table.figures.get(line.row, {}).items():
             files["per_image.csv"].append((line.row, image, *(figures[metric] for metric in METRICS)))
-        for metric, of in line.statistics.items():
-            row = (line.row, metric, of.mean, of.median, of.low, of.high, line.paper[metric], of.n)
-            files["summary.csv"].append(row)
+        for metric, summary in line.statistics.items():
+            columns = (summary.mean, summary.median, summary.low, summary.high, line.paper[metric], summary.n)
+            files["summary.csv"].append((line.row, metric, *columns))
     for name, seconds in table.seconds.items():
         files["times.csv"] += [(name, image, round(value, 4)) for image, value in seconds.items()]
     files["failures.csv"] += [(failure.image, failure.method, failure.reason) for failure in table.failures]

@@ -16,10 +16,10 @@ from ..io.photographs import Photographs
 from ..viz import html
 from ..viz.pictures import Panel, glyphs
 from .learned import load
-from .methods import Method, Table1Settings
+from .methods import ReconstructionMethod, Table1Settings
 from .names import PRIORS
-from .table1 import Line, Table1
-from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
+from .table1 import Table1, Table1Row
+from .tables import RESAMPLES, Statistics, cell, count_failures, failures_section
 
 HEADINGS = {
     "cc": "CC",
@@ -70,12 +70,14 @@ LEAD = (
 )
 
 
-def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs: Photographs) -> list[str]:
+def remarks(
+    left_out: Sequence[ReconstructionMethod], learned: Mapping[str, Path], photographs: Photographs
+) -> list[str]:
     """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
     sentences = [
-        f"{each.name} is optional, and runs with a file of {kind}, see `nablahog learn {PRIORS[kind]}`."
-        for each in left_out
-        for kind in each.needs[:1]
+        f"{method.name} is optional, and runs with a file of {kind}, see `nablahog learn {PRIORS[kind]}`."
+        for method in left_out
+        for kind in method.needs[:1]
     ]
     for kind, path in learned.items():
         names = load(kind, path).learning.images
@@ -90,11 +92,11 @@ def remarks(left_out: Sequence[Method], learned: Mapping[str, Path], photographs
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
     """The means, ours and the paper's, one mapping for each row; a level below its method has the name of its scale."""
-    rows = [_row(line, lambda of: of.mean, TERMINAL) for line in table.lines()]
+    rows = [_row(line, lambda summary: summary.mean, TERMINAL) for line in table.table_rows()]
     return [{**row, "method": re.sub("^.+@", "  @", str(row["method"]))} for row in rows]
 
 
-def _row(line: Line, figure: Callable[[Statistics], object], headings: Mapping[str, str]) -> dict[str, object]:
+def _row(line: Table1Row, figure: Callable[[Statistics], object], headings: Mapping[str, str]) -> dict[str, object]:
     """A row with ``figure`` of each measure of ``headings``, and the paper's of those that it prints."""
     row: dict[str, object] = {"method": line.row, "n": line.statistics["cc"].n}
     for metric, name in headings.items():
@@ -115,8 +117,8 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     limit = f", at most {settings.max_evaluations} evaluations" if settings.max_evaluations else ""
     return html.page(
         "Table 1: images from HOG descriptors",
-        " ".join([f"{LEAD} {origin}{how_many_failed(table.failures)}{passed_over}", *remarks]),
-        list(_table(table.lines())),
+        " ".join([f"{LEAD} {origin}{count_failures(table.failures)}{passed_over}", *remarks]),
+        list(_table(table.table_rows())),
         [failures, _pictures(table), _levels(table)],
         DEFINITIONS,
         html.footer(
@@ -125,13 +127,13 @@ def page(table: Table1, settings: Table1Settings, origin: str, remarks: Sequence
     )
 
 
-def _table(lines: Sequence[Line]) -> Iterator[Mapping[str, object]]:
+def _table(lines: Sequence[Table1Row]) -> Iterator[Mapping[str, object]]:
     group = None
     for line in lines:
         if line.group != group:
             group = line.group
             yield {"method": group}
-        yield _row(line, lambda of: cell(of, of.mean, f"median {html.figure(of.median)}"), HEADINGS)
+        yield _row(line, lambda summary: cell(summary, summary.mean, f"median {html.figure(summary.median)}"), HEADINGS)
 
 
 def _photograph(table: Table1, image: str) -> html.Cell:
@@ -162,7 +164,7 @@ def _pictures(table: Table1) -> html.Section:
         if method.spec is not None:
             specs.setdefault(method.group, set()).add(method.spec)
     described = {group: spec for group, (spec, *others) in specs.items() if not others}
-    shown = {image for of_row in table.pictures.values() for image in of_row}
+    shown = {image for pictures in table.pictures.values() for image in pictures}
     rows = []
     for image, pixels in table.photographs.images.items():
         if image not in shown:

@@ -24,7 +24,7 @@ from .annotations import Example
 from .examples import Examples
 from .names import POSE_PUBLISHED
 from .pose_methods import PoseInput, PoseMethod, PoseOutcome, Table2Settings, coverage
-from .tables import Results, Statistics, evenly_spread, run, statistics, write_csv
+from .tables import Results, Statistics, run, spread_evenly, statistics, write_csv
 
 CRITERIA = {"interval": same_view, "threshold": near_view}
 WITHIN = (30.0, 10.0)  # degrees of the rotation's error: π/6 and π/18, by which the field reports poses
@@ -85,7 +85,7 @@ class PoseJob:
 
 
 @dataclass(frozen=True)
-class Line:
+class Table2Row:
     """A row of the table.
 
     Attributes:
@@ -105,13 +105,13 @@ class Line:
 
     def figures(self) -> Iterator[tuple[str, float | None, float | None, float | None, float | None]]:
         """Name, value, low, high and the paper's value of each figure."""
-        for (criterion, views), of in self.accuracy.items():
+        for (criterion, views), summary in self.accuracy.items():
             paper = self.paper.get(views) if criterion == "interval" else None
-            yield f"{criterion}_{views}", of.mean, of.low, of.high, paper
+            yield f"{criterion}_{views}", summary.mean, summary.low, summary.high, paper
         yield "median_error", self.error.median, self.error.low, self.error.high, None
         yield "rotation_median_error", self.rotation.median, self.rotation.low, self.rotation.high, None
-        for angle, of in self.within.items():
-            yield f"rotation_within_{angle:g}_degrees", of.mean, of.low, of.high, None
+        for angle, summary in self.within.items():
+            yield f"rotation_within_{angle:g}_degrees", summary.mean, summary.low, summary.high, None
 
 
 @dataclass(frozen=True)
@@ -134,28 +134,28 @@ class Table2(Results):
         for examples in (self.examples, *self.conditions.values()):
             yield from examples.objects
 
-    def lines(self) -> list[Line]:
+    def table_rows(self) -> list[Table2Row]:
         """The table: what is published of methods that did not run, then the methods that ran."""
         ran = [method.name for method in self.methods]
-        return [self._line(name) for name in [*(name for name in POSE_PUBLISHED if name not in ran), *ran]]
+        return [self._table_row(name) for name in [*(name for name in POSE_PUBLISHED if name not in ran), *ran]]
 
-    def ran(self) -> list[Line]:
+    def ran(self) -> list[Table2Row]:
         """The rows of the methods that ran."""
-        return [self._line(method.name) for method in self.methods]
+        return [self._table_row(method.name) for method in self.methods]
 
-    def _line(self, name: str) -> Line:
+    def _table_row(self, name: str) -> Table2Row:
         figures, clocks = self.figures.get(name, {}), self.seconds.get(name, {})
         objects = self.examples.objects if name in self.figures else []
-        poses = [(figures.get(each.name), each) for each in objects]
+        poses = [(figures.get(example.name), example) for example in objects]
         accuracy = {
-            (criterion, views): statistics([100.0 * _right(criterion, views, *each) for each in poses])
+            (criterion, views): statistics([100.0 * _right(criterion, views, *pair) for pair in poses])
             for criterion in CRITERIA
             for views in VIEWS
         }
-        errors, rotations = ([error(*each) for each in poses] for error in (error_of_azimuth, error_of_rotation))
+        errors, rotations = ([error(*pair) for pair in poses] for error in (error_of_azimuth, error_of_rotation))
         within = {angle: statistics([100.0 * float(error <= angle) for error in rotations]) for angle in WITHIN}
-        seconds = [clocks[each.name] for each in objects if each.name in clocks]
-        return Line(
+        seconds = [clocks[example.name] for example in objects if example.name in clocks]
+        return Table2Row(
             method=name,
             accuracy=accuracy,
             error=statistics(errors, np.median),
@@ -166,21 +166,21 @@ class Table2(Results):
         )
 
 
-def error_of_azimuth(pose: Mapping[str, Any] | None, one: Example) -> float:
+def error_of_azimuth(pose: Mapping[str, Any] | None, example: Example) -> float:
     """Degrees by which the azimuth of a method's figures is off; :data:`NO_POSE` without figures."""
-    return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], one.azimuth))
+    return NO_POSE if pose is None else float(azimuth_error(pose["azimuth"], example.azimuth))
 
 
-def error_of_rotation(pose: Mapping[str, Any] | None, one: Example) -> float:
+def error_of_rotation(pose: Mapping[str, Any] | None, example: Example) -> float:
     """Degrees by which the whole rotation of a method's figures is off; :data:`NO_POSE` without figures."""
     if pose is None:
         return NO_POSE
-    truth = one.azimuth, one.elevation, one.theta
+    truth = example.azimuth, example.elevation, example.theta
     return float(rotation_error([pose["azimuth"], pose["elevation"], pose["theta"]], truth))
 
 
-def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, one: Example) -> bool:
-    return pose is not None and bool(CRITERIA[criterion](pose["azimuth"], one.azimuth, views))
+def _right(criterion: str, views: int, pose: Mapping[str, Any] | None, example: Example) -> bool:
+    return pose is not None and bool(CRITERIA[criterion](pose["azimuth"], example.azimuth, views))
 
 
 def run_table2(
@@ -199,14 +199,16 @@ def run_table2(
         OSError: a model cannot be read.
     """
     harder = conditions or {}
-    everything = [each for of in (examples, *harder.values()) for each in of.objects]
+    everything = [example for some in (examples, *harder.values()) for example in some.objects]
     jobs = {
-        (each.name, method.name): PoseJob(method, each.image.numpy(), each.box, each.candidates, each.initial, settings)
-        for each in everything
+        (example.name, method.name): PoseJob(
+            method, example.image.numpy(), example.box, example.candidates, example.initial, settings
+        )
+        for example in everything
         for method in methods
     }
     rows = {method.name: (method.name,) for method in methods}
-    shown = evenly_spread([each.name for each in examples.objects], SHOWN)
+    shown = spread_evenly([example.name for example in examples.objects], SHOWN)
     results = run(folder, jobs, rows, examples.failed, shown, **options)
     return Table2(**vars(results), methods=methods, examples=examples, conditions=harder)
 
@@ -219,7 +221,7 @@ def write_table2(folder: Path, table: Table2) -> None:
     """
     summary: list[Sequence[object]] = [
         ("condition", "method", "objects", "figure", "value", "low", "high", "paper"),
-        *(("", line.method, line.error.n, *figure) for line in table.lines() for figure in line.figures()),
+        *(("", line.method, line.error.n, *figure) for line in table.table_rows() for figure in line.figures()),
     ]
     for name in table.conditions:
         for line in table.under(name).ran():
@@ -235,13 +237,13 @@ def _per_object(table: Table2) -> Iterator[Sequence[object]]:
     truth = ("true_azimuth", "true_elevation", "true_theta")
     yield "object", "model", "method", *truth, *pose, "found_model", "error", "rotation_error", "seconds"
     for method, figures in table.figures.items():
-        for each in table.all_objects():
-            if each.name in figures:
-                outcome = figures[each.name]
+        for example in table.all_objects():
+            if example.name in figures:
+                outcome = figures[example.name]
                 yield (
-                    *(each.name, each.model, method, each.azimuth, each.elevation, each.theta),
+                    *(example.name, example.model, method, example.azimuth, example.elevation, example.theta),
                     *(outcome[name] for name in pose),
                     outcome["model"],
-                    *(error_of_azimuth(outcome, each), error_of_rotation(outcome, each)),
-                    round(table.seconds[method][each.name], 4),
+                    *(error_of_azimuth(outcome, example), error_of_rotation(outcome, example)),
+                    round(table.seconds[method][example.name], 4),
                 )

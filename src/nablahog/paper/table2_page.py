@@ -11,8 +11,8 @@ from ..viz.similarity_plot import boxed
 from .annotations import Example
 from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
-from .table2 import NO_POSE, WITHIN, Line, Table2
-from .tables import RESAMPLES, Statistics, cell, failures_section, how_many_failed
+from .table2 import NO_POSE, WITHIN, Table2, Table2Row
+from .tables import RESAMPLES, Statistics, cell, count_failures, failures_section
 
 LEAD = (
     "In each image the pose of one object was estimated from the similarity of its HOG descriptors to those of "
@@ -45,7 +45,7 @@ DEFINITIONS = {
 def terminal_rows(table: Table2) -> list[dict[str, object]]:
     """The accuracies of azimuths by interval, the paper's in brackets, and by threshold, one mapping for each row."""
     rows = []
-    for line in table.lines():
+    for line in table.table_rows():
         row: dict[str, object] = {"method": line.method}
         for views in VIEWS:
             paper = line.paper.get(views)
@@ -66,7 +66,7 @@ def terminal_rotations(table: Table2) -> list[dict[str, object]]:
             "rotation error": line.rotation.median,
             "seconds": line.seconds,
         }
-        for line in table.lines()
+        for line in table.table_rows()
     ]
 
 
@@ -79,7 +79,7 @@ def terminal_conditions(table: Table2) -> list[dict[str, object]]:
     ]
 
 
-def _under(condition: str, line: Line, shown: Callable[[Statistics], object]) -> dict[str, object]:
+def _under(condition: str, line: Table2Row, shown: Callable[[Statistics], object]) -> dict[str, object]:
     """Figures of a method under a condition for the terminal and the page; ``shown`` makes the cell of an accuracy."""
     return {
         "condition": condition,
@@ -90,17 +90,17 @@ def _under(condition: str, line: Line, shown: Callable[[Statistics], object]) ->
     }
 
 
-def _percent(of: Statistics) -> html.Shown | None:
-    return None if of.mean is None else html.Shown(of.mean, f"{of.mean:.1f}")
+def _percent(summary: Statistics) -> html.Shown | None:
+    return None if summary.mean is None else html.Shown(summary.mean, f"{summary.mean:.1f}")
 
 
 def page(table: Table2, settings: Table2Settings) -> str:
-    lines = table.lines()
+    lines = table.table_rows()
     text = "A method that failed counts as wrong above. A further run with the same settings tries it again."
     failures = failures_section(table.failures, "object", text)
     return html.page(
         "Table 2: poses from HOG descriptors",
-        f"{LEAD} {table.examples.origin}{how_many_failed(table.failures)}",
+        f"{LEAD} {table.examples.origin}{count_failures(table.failures)}",
         [_row(line) for line in lines],
         [failures, _rotations(lines), *_conditions(table), _pictures(table)],
         {**DEFINITIONS, **{name: CONDITIONS[name].about for name in table.conditions}},
@@ -108,7 +108,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
     )
 
 
-def _row(line: Line) -> Mapping[str, object]:
+def _row(line: Table2Row) -> Mapping[str, object]:
     row: dict[str, object] = {"method": line.method, "objects": line.error.n}
     for views in VIEWS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
@@ -117,11 +117,11 @@ def _row(line: Line) -> Mapping[str, object]:
     return {**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds}
 
 
-def _cell(of: Statistics) -> html.Cell | None:
-    return cell(of, of.mean)
+def _cell(summary: Statistics) -> html.Cell | None:
+    return cell(summary, summary.mean)
 
 
-def _rotations(lines: Sequence[Line]) -> html.Section:
+def _rotations(lines: Sequence[Table2Row]) -> html.Section:
     rows = [
         {
             "method": line.method,
@@ -158,25 +158,27 @@ def _conditions(table: Table2) -> list[html.Section]:
 
 def _pictures(table: Table2) -> html.Section:
     """As in the paper: the images side by side, and each method's pose below them."""
-    names = {name for of in table.pictures.values() for name in of}
-    shown = [each for each in table.examples.objects if each.name in names]
+    names = {name for summary in table.pictures.values() for name in summary}
+    shown = [example for example in table.examples.objects if example.name in names]
     images = {
-        each.name: html.Cell(Panel(each.image, each.name, f"The image {each.name}"), f"azimuth {each.azimuth:.0f}°")
-        for each in shown
+        example.name: html.Cell(
+            Panel(example.image, example.name, f"The image {example.name}"), f"azimuth {example.azimuth:.0f}°"
+        )
+        for example in shown
     }
     rows = [
-        {"method": method.name, **{each.name: _pose(table, method.name, each) for each in shown}}
+        {"method": method.name, **{example.name: _pose(table, method.name, example) for example in shown}}
         for method in table.methods
     ]
     text = "The outline of the model at the pose that each method found, and how far its azimuth is off."
     return html.Section("Pictures", text, table=[{"method": "test images", **images}, *rows] if shown else [])
 
 
-def _pose(table: Table2, method: str, one: Example) -> html.Cell | None:
-    pose, silhouette = table.figures[method].get(one.name), table.pictures[method].get(one.name)
+def _pose(table: Table2, method: str, example: Example) -> html.Cell | None:
+    pose, silhouette = table.figures[method].get(example.name), table.pictures[method].get(example.name)
     if pose is None or silhouette is None:
         return None
-    off = round((pose["azimuth"] - one.azimuth + 180) % 360 - 180)
-    remark = f"{off:+d}°" if pose["model"] == one.model else f"{off:+d}°\n{pose['model']}"
-    seen = f"{one.name} with the outline of a model at the pose that {method} found"
-    return html.Cell(Panel(outlined(one.image, silhouette >= 128), f"{one.name}, {method}", seen), remark)
+    off = round((pose["azimuth"] - example.azimuth + 180) % 360 - 180)
+    remark = f"{off:+d}°" if pose["model"] == example.model else f"{off:+d}°\n{pose['model']}"
+    seen = f"{example.name} with the outline of a model at the pose that {method} found"
+    return html.Cell(Panel(outlined(example.image, silhouette >= 128), f"{example.name}, {method}", seen), remark)

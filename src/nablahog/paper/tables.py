@@ -32,19 +32,19 @@ class Statistics:
 
 
 def statistics(
-    values: Sequence[float] | NDArray[np.float64], of: Callable[..., NDArray[np.float64]] = np.mean
+    values: Sequence[float] | NDArray[np.float64], average: Callable[..., NDArray[np.float64]] = np.mean
 ) -> Statistics:
     """Mean, median, and the interval of ``of``, one of ``np.mean`` and ``np.median``, as :func:`interval` has it."""
     if not len(values):
         return Statistics(None, None, None, None, 0)
     array = np.array(values, dtype=np.float64)
-    return Statistics(float(array.mean()), float(np.median(array)), *interval(array, of), len(array))
+    return Statistics(float(array.mean()), float(np.median(array)), *interval(array, average), len(array))
 
 
-def interval(values: NDArray[np.float64], of: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
+def interval(values: NDArray[np.float64], average: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
     """The 95 % percentile bootstrap interval of ``of(values)``, of :data:`RESAMPLES` resamples of fixed seed."""
     resamples = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
-    low, high = np.quantile(of(resamples, axis=1), (0.025, 0.975))
+    low, high = np.quantile(average(resamples, axis=1), (0.025, 0.975))
     return float(low), float(high)
 
 
@@ -83,7 +83,7 @@ def run(
     ``rows`` are those of each method, ``failed`` why images could not be read, ``shown`` the images with pictures.
     """
     failures = [Failure(image, None, reason) for image, reason in failed.items()]
-    figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for of_method in rows.values() for row in of_method}
+    figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for method_rows in rows.values() for row in method_rows}
     pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
     seconds: dict[str, dict[str, float]] = {method: {} for method in rows}
     for (image, method), result in do_all(folder, jobs, **options):
@@ -98,7 +98,7 @@ def run(
     return Results(figures, seconds, failures, pictures)
 
 
-def evenly_spread(names: Sequence[str], count: int) -> list[str]:
+def spread_evenly(names: Sequence[str], count: int) -> list[str]:
     """At most ``count`` of ``names``, evenly spread over all."""
     count = min(count, len(names))
     return [names[i * len(names) // count] for i in range(count)]
@@ -119,17 +119,19 @@ def _cell(value: object) -> object:
     return guarded(printable(value)) if isinstance(value, str) else value
 
 
-def cell(of: Statistics, value: float | None, *more: str) -> Cell | None:
+def cell(summary: Statistics, value: float | None, *more: str) -> Cell | None:
     """A figure of a page above its interval and further remarks; None if there are no values."""
-    return None if of.n == 0 else Cell(value, "\n".join([f"{figure(of.low)} … {figure(of.high)}", *more]))
+    if summary.n == 0:
+        return None
+    return Cell(value, "\n".join([f"{figure(summary.low)} … {figure(summary.high)}", *more]))
 
 
-def how_many_failed(failures: Sequence[Failure]) -> str:
+def count_failures(failures: Sequence[Failure]) -> str:
     """The end of the lead of a page; empty if nothing failed."""
     return f" {len(failures)} failed, see below." if failures else ""
 
 
 def failures_section(failures: Sequence[Failure], image: str, text: str) -> Section:
     """A section that lists the failures; ``image`` heads their images, ``text`` says what they mean for the figures."""
-    rows = [{image: each.image, "method": each.method or "all", "reason": each.reason} for each in failures]
+    rows = [{image: failure.image, "method": failure.method or "all", "reason": failure.reason} for failure in failures]
     return Section(f"Failed: {len(rows)}", text, table=rows)

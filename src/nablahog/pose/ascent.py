@@ -31,7 +31,7 @@ _OF_VALUES = 8.0  # weight of a value relative to that of a derivative: jags are
 _OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of derivatives, by their errors in UNITS
 _STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
 _FLATTEST = 0.15  # smallest curvature along an axis, as a fraction of the largest
-_REACH = 2.0  # longest step, in spreads
+_LONGEST_STEP = 2.0  # longest step, in spreads
 
 
 class Round(NamedTuple):
@@ -112,7 +112,7 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
     Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  Curvatures are
-    made negative, at least :data:`_FLATTEST` of the largest, and the step is cut to :data:`_REACH`.
+    made negative, at least :data:`_FLATTEST` of the largest, and the step is cut to :data:`_LONGEST_STEP`.
     """
     at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())
@@ -130,7 +130,7 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     bends, axes = np.linalg.eigh(quadratic[1:, 1:], UPLO="U")
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     step = -axes @ ((axes.T @ gradient) / bends)
-    return torch.from_numpy(step * (_REACH / max(float(np.linalg.norm(step)), _REACH)))
+    return torch.from_numpy(step * (_LONGEST_STEP / max(float(np.linalg.norm(step)), _LONGEST_STEP)))
 
 
 def momentum_ascent(

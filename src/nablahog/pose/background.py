@@ -20,7 +20,7 @@ from .options import ORDER
 from .whitening import Background, check_spec
 
 FOLDER = Path(__file__).with_name("default_backgrounds")  # see its README.md
-STEP = 2**-0.5  # between two scales of a photograph
+SCALE_STEP = 2**-0.5  # between two scales of a photograph
 RING = 1  # cells next to the border of an image, which are unlike all others
 COARSE, FINE = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
 _SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
@@ -137,7 +137,7 @@ def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
     while small.shape[0] >= height and small.shape[1] >= width:
         cells = normalize(histograms(small[None, None], spec), spec)[0]
         yield cells[:, RING:-RING, RING:-RING].double()
-        scale *= STEP
+        scale *= SCALE_STEP
         small = limit_size(image[None], max(1, round(scale * max(image.shape))))[0]
 
 

@@ -18,7 +18,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from ..hog.inputs import WHITE
 from ..render import Camera
-from .crop_view import CropView, resampled
+from .crop_view import CropView, resample
 
 SIDE = 128  # pixels of the square
 FILL = 112.0  # pixels of the box's longer side in it
@@ -36,7 +36,7 @@ class ObjectCrop(CropView):
     camera: Camera  # sees an object at :data:`DISTANCE` about as large as the box
     valid: Box  # where the crop shows the photograph, in pixels of the crop; it may reach beyond the border
 
-    def downsampled(self, factor: int) -> ObjectCrop:
+    def downsample(self, factor: int) -> ObjectCrop:
         """The crop shrunk by averaging ``factor`` x ``factor`` pixels."""
         width, height = self.size
         return replace(
@@ -44,11 +44,11 @@ class ObjectCrop(CropView):
             zoom=self.zoom / factor,
             image=functional.avg_pool2d(self.image, factor),
             size=(width / factor, height / factor),
-            camera=downsampled(self.camera, factor),
+            camera=downsample_camera(self.camera, factor),
             valid=Box(*(side / factor for side in self.valid)),
         )
 
-    def converted(self, pose: Tensor, other: ObjectCrop) -> Tensor:
+    def convert_pose(self, pose: Tensor, other: ObjectCrop) -> Tensor:
         """A pose (6,) for this crop, converted to another crop of the same photograph by the same camera."""
         moved = pose.clone()
         moved[4], moved[5] = other.from_photograph(*map(float, self.to_photograph(pose[4], pose[5])))
@@ -71,7 +71,7 @@ class ObjectCrop(CropView):
         width, height = self.size
         return Box(-width / 2, -height / 2, width / 2, height / 2)
 
-    def in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
+    def place_in_photograph(self, pose: Tensor, height: int, width: int) -> tuple[Tensor, Camera]:
         """A pose (6,) for this crop as one for the whole photograph of ``height`` x ``width``, with its camera."""
         moved = pose.clone()
         x, y = map(float, self.to_photograph(pose[4], pose[5]))
@@ -85,12 +85,12 @@ def typical_camera(side: int = SIDE, fill: float = FILL) -> Camera:
     return Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
 
 
-def downsampled(camera: Camera, factor: int) -> Camera:
+def downsample_camera(camera: Camera, factor: int) -> Camera:
     """A camera that sees the same in pixels ``factor`` times as large."""
     return Camera(camera.focal / factor, camera.height // factor, camera.width // factor)
 
 
-def checked_box(sides: Sequence[float], height: int, width: int) -> Box:
+def check_box(sides: Sequence[float], height: int, width: int) -> Box:
     """The box x0, y0, x1, y1.
 
     Raises:
@@ -135,21 +135,21 @@ def crop_object(
     """
     check_photograph(photograph)
     height, width = photograph.shape[1:]
-    object_box = checked_box((0, 0, width, height) if box is None else box, height, width)
+    object_box = check_box((0, 0, width, height) if box is None else box, height, width)
     zoom = fill / max(object_box.width, object_box.height)
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)
     view = CropView(middle, zoom, camera.focal / zoom, axis)
     size = object_box.width * zoom, object_box.height * zoom
     if axis is not None:  # the turned camera sees the box a little smaller
-        seen = view.across(object_box)
-        zoom *= fill / max(seen.width, seen.height)
+        turned_box = view.across(object_box)
+        zoom *= fill / max(turned_box.width, turned_box.height)
         camera = Camera(view.focal * zoom, side, side)
         view = replace(view, zoom=zoom)
-        seen = view.across(object_box)
-        size = seen.width, seen.height
-    valid = Box(*(each + side / 2 for each in view.across(Box(0, 0, width, height))))
-    image = resampled(photograph, view, side)
+        turned_box = view.across(object_box)
+        size = turned_box.width, turned_box.height
+    valid = Box(*(edge + side / 2 for edge in view.across(Box(0, 0, width, height))))
+    image = resample(photograph, view, side)
     return ObjectCrop(middle, zoom, camera.focal / zoom, axis, image, size, camera, valid)
 
 
@@ -171,7 +171,7 @@ def check_photograph(photograph: Tensor) -> None:
         raise ValueError("the photograph must be finite, got NaN or Inf")
 
 
-def masked(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None) -> tuple[Tensor, Box]:
+def apply_mask(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None) -> tuple[Tensor, Box]:
     """The photograph with nothing around the object, and the object's box.
 
     Pixels around the object get the photograph's mean, so that no edge is left there but the object's own outline.

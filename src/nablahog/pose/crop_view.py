@@ -38,8 +38,8 @@ class CropView:
         if self.axis is None:
             return x / self.zoom + self.middle[0], y / self.zoom + self.middle[1]
         scale = self.zoom * self.focal
-        one = torch.ones_like(x + y)
-        rays = torch.stack([x / scale * one, y / scale * one, one], -1).double() @ self.turn
+        ones = torch.ones_like(x + y)
+        rays = torch.stack([x / scale * ones, y / scale * ones, ones], -1).double() @ self.turn
         along = rays[..., :2] * (self.focal / rays[..., 2:].clamp(min=_LEAST_DEPTH))
         return (along[..., 0] + self.axis[0]).to(x), (along[..., 1] + self.axis[1]).to(x)
 
@@ -77,7 +77,7 @@ class CropView:
         return torch.tensor(ray, dtype=torch.float64)
 
 
-def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
+def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
     """The square (1, 1, side, side) that a view shows, gray, without aliasing; the photograph's border repeats."""
     factor = reduction(view.zoom)
     if factor > 1:
@@ -86,21 +86,21 @@ def resampled(photograph: Tensor, view: CropView, side: int) -> Tensor:
     # the remaining variance, in pixels of the means; a square of pixels has (factor² - 1) / 12
     sigma = math.sqrt(max(0.0, (1 / view.zoom**2 - 1) / 4 - (factor**2 - 1) / 12)) / factor
     at = torch.arange(side) + 0.5 - side / 2
-    x, y = (each / factor for each in view.to_photograph(at[None, :], at[:, None]))
-    middle = [each / factor for each in view.middle]
+    x, y = (coordinates / factor for coordinates in view.to_photograph(at[None, :], at[:, None]))
+    middle = [coordinate / factor for coordinate in view.middle]
     if view.axis is None:
         reach = side / view.zoom / factor / 2
     else:  # beyond the border nothing changes
         x, y = x.clamp(-3 * sigma, width + 3 * sigma), y.clamp(-3 * sigma, height + 3 * sigma)
-        reach = max(float((each - m).abs().max()) for each, m in zip((x, y), middle, strict=True))
+        reach = max(float((coordinates - m).abs().max()) for coordinates, m in zip((x, y), middle, strict=True))
     around = math.ceil(reach + 3 * sigma) + 2
     left, top = (math.floor(m) - around for m in middle)
     rows = torch.arange(top, top + 2 * around + 1).clamp(0, height - 1)
     cols = torch.arange(left, left + 2 * around + 1).clamp(0, width - 1)
     part = gray(_floats(photograph[:, rows][:, :, cols])[None])
     if sigma > 0:
-        part = blurred(part, sigma)
-    across, down = ((each - start) / (2 * around + 1) * 2 - 1 for each, start in ((x, left), (y, top)))
+        part = blur(part, sigma)
+    across, down = ((coordinates - start) / (2 * around + 1) * 2 - 1 for coordinates, start in ((x, left), (y, top)))
     grid = torch.stack([across.expand(side, side), down.expand(side, side)], dim=-1)[None].float()
     image = functional.grid_sample(part, grid, mode="bilinear", padding_mode="border", align_corners=False)
     return image.clamp(0, 1)
@@ -131,7 +131,7 @@ def _floats(photograph: Tensor) -> Tensor:
     return photograph.float() / 255 if photograph.dtype == torch.uint8 else photograph.float()
 
 
-def blurred(image: Tensor, sigma: float) -> Tensor:
+def blur(image: Tensor, sigma: float) -> Tensor:
     """An image (1, 1, H, W) blurred by a Gaussian of ``sigma`` > 0 pixels; its border repeats."""
     reach = max(1, math.ceil(3 * sigma))
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)

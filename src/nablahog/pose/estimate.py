@@ -25,14 +25,14 @@ from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import momentum_ascent
 from .best_search import best_search
-from .crop import check_photograph, crop_object, masked, typical_camera
+from .crop import apply_mask, check_photograph, crop_object, typical_camera
 from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
 from .photograph import PreparedPhotograph
 from .problem import ELEVATIONS, PoseProblem
 from .result import PoseEstimate
 from .surroundings import find_boxes
-from .viewpoint_prior import ViewpointChoice, chosen_viewpoints
+from .viewpoint_prior import ViewpointChoice, choose_viewpoints
 from .whitening import Background
 
 EVERY_DEGREE = 360
@@ -54,9 +54,11 @@ def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
         poses, values, path = momentum_ascent(similarity, starts, visit=partial(problem.watch, name))
         top = int(values.argmax())
         best.append((float(values[top]), name, poses[top]))
-        traces += [SearchTrace(name, tuple(one[:, 0].tolist()), tuple(one[:, 1].tolist())) for one in path.unbind(1)]
+        traces += [
+            SearchTrace(name, tuple(trace[:, 0].tolist()), tuple(trace[:, 1].tolist())) for trace in path.unbind(1)
+        ]
         renderings += similarity.renderings
-    value, name, pose = max(best, key=lambda one: one[0])
+    value, name, pose = max(best, key=lambda found: found[0])
     return problem.estimate(
         name, pose, similarity=value, similarity_kind=kind, renderings=renderings, traces=tuple(traces)
     )
@@ -75,7 +77,7 @@ def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
             top = int(values.argmax())
             best.append((float(values[top]), name, poses[top]))
         renderings += similarity.renderings
-    value, name, pose = max(best, key=lambda one: one[0])
+    value, name, pose = max(best, key=lambda found: found[0])
     return problem.estimate(name, pose, similarity=value, similarity_kind=kind, renderings=renderings)
 
 
@@ -181,8 +183,8 @@ def estimate_pose(
         raise ValueError(f"within={within!r} needs initial, the azimuth from which it is measured")
     if within < 180 and method != "best":
         raise ValueError(f"within is an option of method 'best' alone, got {within!r} for method={method!r}")
-    image, view = one_image(photograph), _checked_view(initial)
-    lens = known_lens(photograph, focal, principal_point, image)
+    image, view = convert_image(photograph), _check_view(initial)
+    lens = choose_lens(photograph, focal, principal_point, image)
     check_photograph(image)
     if mask is not None:
         if not isinstance(mask, Tensor | np.ndarray):
@@ -190,25 +192,25 @@ def estimate_pose(
                 f"the mask must be a tensor or an array of bool, got {type(mask).__name__}: of an image write "
                 "np.asarray(image.convert('L')) > 0"
             )
-        image, box = masked(image, torch.as_tensor(mask), box)
+        image, box = apply_mask(image, torch.as_tensor(mask), box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
-    others: tuple[Box, ...] | None = None
+    other_boxes: tuple[Box, ...] | None = None
     if box is None and method == "best" and similarity in (None, "calibrated"):
         box, *rest = *find_boxes(image, list(prepared.values()), view, within, background), whole
-        others = tuple(rest)
+        other_boxes = tuple(rest)
     crop = crop_object(image, whole if box is None else box, focal=lens.focal, axis=lens.principal_point)
     problem = PoseProblem(
         image,
         PreparedPhotograph(crop, background),
         box=whole if box is None else Box.of(map(float, box)),
-        other_boxes=others,
+        other_boxes=other_boxes,
         models=prepared,
         initial=view,
         within=within,
         similarity=similarity,
         # do not read a default that has no influence
-        viewpoints=chosen_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
+        viewpoints=choose_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
         generator=torch.Generator().manual_seed(int(seed)),
         progress=progress,
@@ -217,7 +219,7 @@ def estimate_pose(
     return SEARCHES[method](problem)
 
 
-def known_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
+def choose_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
     """What is known about the camera of a photograph, which is also passed as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
@@ -248,7 +250,7 @@ def known_lens(photograph: object, focal: object, principal_point: Sequence[floa
     return Lens(float(focal), (float(principal_point[0]), float(principal_point[1])), source)
 
 
-def one_image(photograph: Tensor | ArrayImage) -> Tensor:
+def convert_image(photograph: Tensor | ArrayImage) -> Tensor:
     """(C, H, W) of a photograph, floating point in 0…1 or uint8."""
     if isinstance(photograph, Tensor):
         return photograph
@@ -263,7 +265,7 @@ def _check_option(name: str, value: object, literal: object) -> None:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, get_args(literal)))}, got {value!r}")
 
 
-def _checked_view(initial: Sequence[float] | None) -> tuple[float, float] | None:
+def _check_view(initial: Sequence[float] | None) -> tuple[float, float] | None:
     if initial is None:
         return None
     if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:

@@ -23,7 +23,7 @@ from ..render.renderer import LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
-from .crop import DISTANCE, FILL, SIDE, downsampled
+from .crop import DISTANCE, FILL, SIDE, downsample_camera
 from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches, white_background
 from .whitening import Background, Whitener, whitener_of
 
@@ -75,11 +75,11 @@ class PreparedModel:
         """
         key = method, supersampling, detail, shrink
         if key not in self._renderers:
-            own = downsampled(self.camera, shrink)
+            own = downsample_camera(self.camera, shrink)
             mesh = simplify(self.mesh, detail * DISTANCE / own.focal) if detail > 0 else self.mesh
             self._renderers[key] = Renderer(mesh, own, method=method, supersampling=supersampling)
         renderer = self._renderers[key]
-        return renderer if camera is None else renderer.with_camera(downsampled(camera, shrink))
+        return renderer if camera is None else renderer.with_camera(downsample_camera(camera, shrink))
 
     def similarity(
         self,
@@ -130,10 +130,10 @@ def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, s
     numbers = spec.channels * whitener.rows * whitener.cols
     facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, code_key(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
-    made = cached_array(
+    descriptors = cached_array(
         "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation, LIGHT).numpy()
     )
-    return torch.from_numpy(made)
+    return torch.from_numpy(descriptors)
 
 
 def _described(
@@ -185,9 +185,9 @@ def azimuth_sweep(pose: Tensor, views: int) -> Tensor:
     return poses
 
 
-def azimuth_distance(one: float, other: float) -> float:
+def azimuth_distance(first: float, second: float) -> float:
     """Degrees between azimuths, in 0…180."""
-    return abs((one - other + 180) % 360 - 180)
+    return abs((first - second + 180) % 360 - 180)
 
 
 def signed_angles(angles: Tensor) -> Tensor:

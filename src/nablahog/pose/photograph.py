@@ -2,7 +2,7 @@
 
 Discriminative visual elements are the patches of a descriptor that are least like other photographs.  As by Aubry et
 al. ("Seeing 3D chairs", released code): every patch is whitened by the background, its norm says how discriminative it
-is, and of overlapping patches the most discriminative is kept.
+is, and of overlapping patches the most discriminative is selected.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
 
 
 def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> CalibratedTemplate:
-    spec, small = background.spec, crop.downsampled(shrink) if shrink > 1 else crop
+    spec, small = background.spec, crop.downsample(shrink) if shrink > 1 else crop
     rows, cols = spec.grid(*small.image.shape[2:])
     return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)
 
@@ -182,10 +182,10 @@ def elements(
     order, discriminability = most_discriminative(flat, background, threshold)
     positions = torch.stack([order // across, order % across], dim=1)
     corners = torch.cat([positions, positions + torch.tensor(size, device=order.device)], dim=1)
-    kept = suppress_overlaps(corners, count, overlap)
-    chosen = order[kept]
+    selected = suppress_overlaps(corners, count, overlap)
+    chosen = order[selected]
     best = flat[chosen]
-    return Elements(positions[kept], best, element_weights(best, background), discriminability[chosen])
+    return Elements(positions[selected], best, element_weights(best, background), discriminability[chosen])
 
 
 def most_discriminative(patches: Tensor, background: Background, threshold: float) -> tuple[Tensor, Tensor]:
@@ -209,13 +209,13 @@ def suppress_overlaps(corners: Tensor, count: int | None, overlap: float) -> Ten
         count: the most to keep; None for no limit.
         overlap: the largest share allowed of the intersection in the smallest box around both.
     """
-    kept: list[Tensor] = []
+    chosen: list[Tensor] = []
     left = torch.arange(len(corners), device=corners.device)
-    while len(left) and (count is None or len(kept) < count):
-        best, others = left[0], left[1:]
-        kept.append(best)
-        low, high = corners[others, :2], corners[others, 2:]
+    while len(left) and (count is None or len(chosen) < count):
+        best, rest = left[0], left[1:]
+        chosen.append(best)
+        low, high = corners[rest, :2], corners[rest, 2:]
         shared = (torch.minimum(high, corners[best, 2:]) - torch.maximum(low, corners[best, :2])).clamp(min=0).prod(1)
         around = (torch.maximum(high, corners[best, 2:]) - torch.minimum(low, corners[best, :2])).prod(1)
-        left = others[shared <= overlap * around]
-    return torch.stack(kept) if kept else left
+        left = rest[shared <= overlap * around]
+    return torch.stack(chosen) if chosen else left

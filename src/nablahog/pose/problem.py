@@ -20,14 +20,14 @@ from .result import PoseEstimate
 from .viewpoint_prior import ViewpointPrior
 
 ELEVATIONS = (-15.0, 0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-AROUND = (-15.0, 0.0, 15.0)  # degrees from a given elevation at which views are searched
-ROUGHLY = 5.0  # degrees: most given elevations are no further from the true one
-LEVEL = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation tried when a pose is given
-TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when the pose is unknown
-USUAL = (-10.0, 40.0)  # elevations of most photographs, degrees
+ELEVATION_OFFSETS = (-15.0, 0.0, 15.0)  # degrees from a given elevation at which views are searched
+ELEVATION_ERROR = 5.0  # degrees: most given elevations are no further from the true one
+KNOWN_TILTS = (-15.0, 0.0, 15.0)  # degrees of in-plane rotation tried when a pose is given
+UNKNOWN_TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when the pose is unknown
+USUAL_ELEVATIONS = (-10.0, 40.0)  # elevations of most photographs, degrees
 # penalties of the calibrated similarity for each degree beyond these, and for each degree of rotation
-STEEP, TURNED = 0.03, 0.01
-SMALL = 0.5  # penalty for each halving of an object's size in a photograph where it may be anywhere
+STEEP_PENALTY, TILT_PENALTY = 0.03, 0.01
+SMALL_PENALTY = 0.5  # penalty for each halving of an object's size in a photograph where it may be anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class PoseProblem:
         """Which of the views around a model are searched, (VIEW_COUNT,), bool."""
         return allowed_azimuths(equidistant_azimuths(VIEW_COUNT), self.initial, self.within)
 
-    def bounded(self, poses: Tensor) -> Tensor:
+    def limit_azimuths(self, poses: Tensor) -> Tensor:
         """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one."""
         if self.initial is None or self.within == 180:
             return poses
@@ -78,19 +78,19 @@ class PoseProblem:
             return penalties
         penalties += view_penalty(poses[:, 1], poses[:, 3], self.initial)
         if self.other_boxes is not None:
-            penalties += SMALL * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
+            penalties += SMALL_PENALTY * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
         return penalties
 
     @cached_property
     def level_penalties(self) -> dict[float, float]:
         """Penalties of level views, by all the elevations to search at, degrees."""
-        of_level = {each: level_poses(torch.zeros(1), each) for each in self.elevations}
-        return {each: float(self.penalty(pose, self.photograph)) for each, pose in of_level.items()}
+        poses = {elevation: level_poses(torch.zeros(1), elevation) for elevation in self.elevations}
+        return {elevation: float(self.penalty(pose, self.photograph)) for elevation, pose in poses.items()}
 
     @property
     def tilts(self) -> tuple[float, ...]:
         """In-plane rotations to search at, degrees."""
-        return TILTS if self.initial is None else LEVEL
+        return UNKNOWN_TILTS if self.initial is None else KNOWN_TILTS
 
     @property
     def elevations(self) -> tuple[float, ...]:
@@ -106,16 +106,16 @@ class PoseProblem:
         crop = (photograph or self.photograph).crop
         return fit_to_box(poses, model.hull, crop.camera, crop.size)
 
-    def cropped(self, box: Sequence[float]) -> PreparedPhotograph:
+    def crop_around(self, box: Sequence[float]) -> PreparedPhotograph:
         """The crop of the photograph around another box, seen through the same lens."""
         crop = self.photograph.crop
         other = crop_object(self.image, box, focal=crop.focal, axis=crop.axis)
         return PreparedPhotograph(other, self.photograph.own_background)
 
-    def estimate(self, model: str, pose: Tensor, **others: Any) -> PoseEstimate:
+    def estimate(self, model: str, pose: Tensor, **attributes: Any) -> PoseEstimate:
         """The estimate at a pose (6,) for the object's crop, with other attributes of :class:`.PoseEstimate`."""
         crop = self.photograph.crop
-        moved, camera = crop.in_photograph(pose, *self.image.shape[1:])
+        moved, camera = crop.place_in_photograph(pose, *self.image.shape[1:])
         azimuth, elevation, distance, theta, x, y = moved.tolist()
         return PoseEstimate(
             azimuth % 360,
@@ -131,19 +131,22 @@ class PoseProblem:
             focal_from=self.focal_from,
             principal_point=crop.axis,
             from_original=self.models[model].mesh.from_original,
-            **others,
+            **attributes,
         )
 
 
 def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:
     """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
-    low, high = USUAL if initial is None else (initial[1] - ROUGHLY, initial[1] + ROUGHLY)
-    return STEEP * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0)) + TURNED * tilts.abs()
+    low, high = USUAL_ELEVATIONS if initial is None else (initial[1] - ELEVATION_ERROR, initial[1] + ELEVATION_ERROR)
+    return (
+        STEEP_PENALTY * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0))
+        + TILT_PENALTY * tilts.abs()
+    )
 
 
 def elevations_around(initial: tuple[float, float]) -> tuple[float, ...]:
     """Elevations at which views are searched if a rough one is given, degrees."""
-    return tuple(initial[1] + off for off in AROUND if abs(initial[1] + off) <= 90)
+    return tuple(initial[1] + off for off in ELEVATION_OFFSETS if abs(initial[1] + off) <= 90)
 
 
 def allowed_azimuths(azimuths: Tensor, initial: tuple[float, float] | None, within: float) -> Tensor:

@@ -18,7 +18,7 @@ from .model import VIEW_COUNT
 from .options import FocalSource, SearchTrace, SimilarityKind
 
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-LEAST = 5.0
+MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
 below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
 
@@ -214,7 +214,9 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
         "similarity_kind": estimate.similarity_kind,
         "confidence": estimate.confidence,
         "warning": warning(estimate),
-        "runners_up": [{"model": one.model, **_parameters(one), "share": one.share} for one in estimate.runners_up],
+        "runners_up": [
+            {"model": rival.model, **_parameters(rival), "share": rival.share} for rival in estimate.runners_up
+        ],
         "renderings": estimate.renderings,
     }
 
@@ -225,9 +227,9 @@ def _parameters(estimate: PoseEstimate) -> dict[str, float]:
 
 def warning(estimate: PoseEstimate) -> str | None:
     """A sentence if the similarity is no larger than in photographs without the object."""
-    if estimate.similarity_kind != "calibrated" or estimate.similarity >= LEAST:
+    if estimate.similarity_kind != "calibrated" or estimate.similarity >= MIN_SIMILARITY:
         return None
     return (
-        f"the similarity, {estimate.similarity:.1f}, is below {LEAST:g}, no higher than in photographs without the "
-        "object: do not trust this pose"
+        f"the similarity, {estimate.similarity:.1f}, is below {MIN_SIMILARITY:g}, no higher than in photographs "
+        "without the object: do not trust this pose"
     )

@@ -86,7 +86,7 @@ def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shr
 
     The crop is already ``shrink`` times smaller than the crop that poses are for.
     """
-    descriptor = whitener.centred(describe(crop.image, spec))
+    descriptor = whitener.centre_coordinates(describe(crop.image, spec))
     x0, y0, x1, y1 = crop.valid
     y, x = (
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)

@@ -21,7 +21,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from .background import coarse_background
 from .crop import FILL, SIDE
-from .crop_view import blurred, gray_means, reduction, resampled
+from .crop_view import blur, gray_means, reduction, resample
 from .model import (
     VIEW_COUNT,
     PreparedModel,
@@ -33,12 +33,12 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph, suppress_overlaps
-from .problem import SMALL, allowed_azimuths, elevations_around, view_penalty
+from .problem import SMALL_PENALTY, allowed_azimuths, elevations_around, view_penalty
 from .similarity import describe
 from .whitening import Background, whitener_of
 
 
-class Range(NamedTuple):
+class Reach(NamedTuple):
     """How far the object may be from its box."""
 
     octaves: int  # quarters of an octave that it may be larger or smaller; one moves its border by about a cell
@@ -50,18 +50,20 @@ class Range(NamedTuple):
         return 2.0 ** (np.arange(-self.octaves, self.octaves + 1) / 4)
 
 
-ROUGH = Range(2, 3)  # of a box that someone gave
-FOUND = Range(1, 2)  # of one that :func:`find_boxes` found
-TURNED = math.sqrt(2)  # side of the square that holds a turned square of side 1
-_OFF = 0.05  # penalty, as a fraction of the similarity, for a view of twice the box's size or half a side beside it
-LEVELS = 4  # of the pyramid, per octave of the object's size
+ROUGH = Reach(2, 3)  # of a box that someone gave
+FOUND = Reach(1, 2)  # of one that :func:`find_boxes` found
+DIAGONAL = math.sqrt(2)  # side of the square that holds a turned square of side 1
+_OFFSET_PENALTY = (
+    0.05  # penalty, as a fraction of the similarity, for a view of twice the box's size or half a side beside it
+)
+OCTAVE_LEVELS = 4  # of the pyramid, per octave of the object's size
 SMALLEST = 8  # ratio of the photograph's longer side to the smallest object that is looked for
 BORDER = 4  # cells that an object may extend beyond the photograph
-EVERY = 2  # every second view around a model is compared
+VIEW_STEP = 2  # every second view around a model is compared
 PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, for one model or for several
 DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
-ELEVATIONS = (0.0, 20.0, 40.0, 65.0)  # degrees, where nothing is known of the pose
-TILTS = (-30.0, 0.0, 30.0)  # degrees, where nothing is known of the pose
+DETECTION_ELEVATIONS = (0.0, 20.0, 40.0, 65.0)  # degrees, where nothing is known of the pose
+DETECTION_TILTS = (-30.0, 0.0, 30.0)  # degrees, where nothing is known of the pose
 _PEAKS = 200  # best places, before overlapping ones are suppressed
 _OVERLAP = 0.5  # of two boxes, at most: intersection in the box around both
 
@@ -76,7 +78,9 @@ class Surroundings:
     centres: Tensor  # (P, 2), float64: x, y of the window's middle in the crop, from the middle of that, pixels
 
 
-def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Range) -> Surroundings:
+def describe_surroundings(
+    photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[float], reach: Reach
+) -> Surroundings:
     """The windows around an object's box in an image (C, H, W), at all scales of ``reach`` and tilts, degrees."""
     crop = photograph.crop
     background, shrink = coarse_background(photograph.own_background)
@@ -87,37 +91,39 @@ def surroundings(photograph: PreparedPhotograph, image: Tensor, tilts: Sequence[
     # a base image of the finest level's resolution, which the other levels subsample
     zoom = crop.zoom / shrink / float(scales.min())
     steps = scales / scales.min()
-    widened = TURNED if any(tilts) else 1.0
+    widened = DIAGONAL if any(tilts) else 1.0
     base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
-    base = resampled(image, replace(crop, zoom=zoom), base_side)
+    base = resample(image, replace(crop, zoom=zoom), base_side)
     levels = []
     for step in steps.tolist():
-        smooth = blurred(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
-        levels.append(turned(smooth[0, 0], tilts, step, (side, side)))
+        smooth = blur(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
+        levels.append(turn_image(smooth[0, 0], tilts, step, (side, side)))
     descriptors = describe(torch.cat(levels)[:, None], spec)
     grid = descriptors.shape[2:]
     whitener = whitener_of(background, *grid)
     cells = spec.cell_size[0]
     of_levels = torch.cartesian_prod(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64))
     level_scales, level_tilts = of_levels.unbind(1)
-    x, y = places(centred(grid, cells), level_scales * shrink, level_tilts)  # of cells on the turned photograph
+    x, y = map_grid(
+        centre_coordinates(grid, cells), level_scales * shrink, level_tilts
+    )  # of cells on the turned photograph
     low, high = crop.valid[:2], crop.valid[2:]
     half = crop.image.shape[-1] / 2
     valid = (x + half >= low[0]) & (x + half <= high[0]) & (y + half >= low[1]) & (y + half <= high[1])
-    weights = whitener(whitener.centred(descriptors) * valid[:, None])
+    weights = whitener(whitener.centre_coordinates(descriptors) * valid[:, None])
     windows = weights.unfold(2, rows, 1).unfold(3, cols, 1)  # (levels, C, down, across, rows, cols)
     down, across = windows.shape[2:4]
-    x, y = places(centred((down, across), cells), level_scales * shrink, level_tilts)
-    each = down * across
+    x, y = map_grid(centre_coordinates((down, across), cells), level_scales * shrink, level_tilts)
+    count = down * across
     return Surroundings(
-        windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * each, -1),
-        level_scales.repeat_interleave(each),
-        level_tilts.repeat_interleave(each),
+        windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * count, -1),
+        level_scales.repeat_interleave(count),
+        level_tilts.repeat_interleave(count),
         torch.stack([x, y], dim=-1).flatten(0, 2),
     )
 
 
-def views_around(
+def find_views(
     model: PreparedModel,
     photograph: PreparedPhotograph,
     around: Surroundings,
@@ -131,9 +137,9 @@ def views_around(
     and their similarities (K,), the highest first.
     """
     own = photograph.own_background
-    views = torch.stack([view_descriptors(model, each, own).flatten(1) for each in elevations])
+    views = torch.stack([view_descriptors(model, elevation, own).flatten(1) for elevation in elevations])
     off = around.scales.log2().square() + 4 * (around.centres / FILL).square().sum(1)
-    similarities = (views @ around.windows.T).double() * (1 - _OFF * off)  # (E, VIEW_COUNT, P)
+    similarities = (views @ around.windows.T).double() * (1 - _OFFSET_PENALTY * off)  # (E, VIEW_COUNT, P)
     tilts, which = torch.unique(around.tilts, return_inverse=True)
     best = similarities.new_full((len(elevations), VIEW_COUNT, len(tilts)), -torch.inf)
     at = torch.zeros_like(best, dtype=torch.int64)
@@ -157,12 +163,12 @@ def views_around(
     return poses, values[:count]
 
 
-def centred(counts: Sequence[int], spacing: float = 1.0) -> list[Tensor]:
+def centre_coordinates(counts: Sequence[int], spacing: float = 1.0) -> list[Tensor]:
     """Coordinates from the middle of ``count`` points in a row, (count,), float64, for each of the counts."""
     return [(torch.arange(count, dtype=torch.float64) - (count - 1) / 2) * spacing for count in counts]
 
 
-def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
+def map_grid(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tensor, Tensor]:
     """Places in a photograph of the points of a grid on L scaled and tilted copies of it, each (L, rows, cols).
 
     Args:
@@ -176,13 +182,13 @@ def places(grid: Sequence[Tensor], scales: Tensor, tilts: Tensor) -> tuple[Tenso
     return cosine * x + sine * y, cosine * y - sine * x
 
 
-def turned(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, int]) -> Tensor:
+def turn_image(image: Tensor, tilts: Sequence[float], step: float, size: tuple[int, int]) -> Tensor:
     """Samples (T, *size) of an image (H, W), float32, around its middle, ``step`` pixels apart.
 
     The image is turned clockwise by each of T tilts, degrees; its border repeats.
     """
-    grid = [each.to(image.dtype) for each in centred(size)]
-    x, y = places(grid, image.new_full((len(tilts),), step), image.new_tensor(tilts))
+    grid = [coordinates.to(image.dtype) for coordinates in centre_coordinates(size)]
+    x, y = map_grid(grid, image.new_full((len(tilts),), step), image.new_tensor(tilts))
     height, width = image.shape
     at = torch.stack([x * (2 / width), y * (2 / height)], dim=-1)  # coordinates are -1 and 1 at the borders
     images = image.expand(len(tilts), 1, -1, -1)
@@ -204,17 +210,21 @@ def find_boxes(
     count = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
     models = models[:: math.ceil(len(models) / DETECTORS)]
     background, shrink = coarse_background(own)
-    elevations, tilts = (ELEVATIONS, TILTS) if initial is None else (elevations_around(initial), (0.0,))
-    azimuths = equidistant_azimuths(VIEW_COUNT)[::EVERY]
+    elevations, tilts = (
+        (DETECTION_ELEVATIONS, DETECTION_TILTS) if initial is None else (elevations_around(initial), (0.0,))
+    )
+    azimuths = equidistant_azimuths(VIEW_COUNT)[::VIEW_STEP]
     azimuth_of = azimuths.repeat(len(models) * len(elevations))
     elevation_of = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(len(azimuths)).repeat(len(models))
     model_of = torch.arange(len(models)).repeat_interleave(len(elevations) * len(azimuths))
     searched = allowed_azimuths(azimuth_of, initial, within).nonzero()[:, 0]
-    views = torch.cat([view_descriptors(model, each, own)[::EVERY] for model in models for each in elevations])
+    views = torch.cat(
+        [view_descriptors(model, elevation, own)[::VIEW_STEP] for model in models for elevation in elevations]
+    )
     views = views[searched]
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for zoom, tilt, weights, middles, inside in _levels(image, background, shrink, tilts):
-        penalty = torch.tensor(SMALL * math.log2(max(image.shape[1:]) * shrink * zoom / FILL))
+        penalty = torch.tensor(SMALL_PENALTY * math.log2(max(image.shape[1:]) * shrink * zoom / FILL))
         penalty = penalty + view_penalty(elevation_of[searched].float(), torch.tensor([tilt]), initial)
         values, view = (_correlations(weights, views) - penalty).max(2)
         values = torch.where(inside, values, -torch.inf)
@@ -251,13 +261,13 @@ def _levels(
     fill = FILL / shrink
     largest = float(max(height, width))
     smallest = min(max(largest / SMALLEST, fill), largest)
-    finest = math.floor(LEVELS * math.log2(largest / smallest))
-    factor = reduction(fill / (largest * 2 ** (-finest / LEVELS)))
+    finest = math.floor(OCTAVE_LEVELS * math.log2(largest / smallest))
+    factor = reduction(fill / (largest * 2 ** (-finest / OCTAVE_LEVELS)))
     photograph = gray_means(image, factor)[None]
     height, width = (side * factor for side in photograph.shape[2:])
     cell = spec.cell_size[0]
     for k in range(finest, -1, -1):
-        zoom = fill / (largest * 2 ** (-k / LEVELS))
+        zoom = fill / (largest * 2 ** (-k / OCTAVE_LEVELS))
         shape = max(2, round(height * zoom)), max(2, round(width * zoom))
         photograph = functional.interpolate(photograph, shape, mode="bilinear", antialias=True)
         for tilt in tilts:
@@ -265,11 +275,11 @@ def _levels(
             sine, cosine = abs(math.sin(angle)), math.cos(angle)
             needed = shape[0] * cosine + shape[1] * sine, shape[0] * sine + shape[1] * cosine
             cells = [max(math.ceil(side / cell) + 2 * BORDER, least) for side, least in zip(needed, size, strict=True)]
-            canvas = turned(photograph[0, 0], [tilt], 1.0, spec.image_size(*cells))
+            canvas = turn_image(photograph[0, 0], [tilt], 1.0, spec.image_size(*cells))
             descriptor = describe(canvas[:, None], spec)
             whitener = whitener_of(background, *descriptor.shape[2:])
             _, valid = _cell_places(descriptor.shape[2:], cell, tilt, shape)
-            weights = whitener(whitener.centred(descriptor) * valid)[0]
+            weights = whitener(whitener.centre_coordinates(descriptor) * valid)[0]
             windows = [n - least + 1 for n, least in zip(weights.shape[1:], size, strict=True)]
             at, inside = _cell_places(windows, cell, tilt, shape)
             middles = at / zoom + torch.tensor([width / 2, height / 2], dtype=torch.float64)
@@ -279,7 +289,7 @@ def _levels(
 def _cell_places(counts: Sequence[int], cell: int, tilt: float, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """x, y (rows, cols, 2) of a grid of cells on a turned image, from its middle, and whether they are in the image."""
     turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()
-    x, y = (part[0] for part in places(centred(counts, cell), *turn))
+    x, y = (part[0] for part in map_grid(centre_coordinates(counts, cell), *turn))
     return torch.stack([x, y], 2), (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
 
 

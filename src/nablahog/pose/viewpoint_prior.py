@@ -54,7 +54,7 @@ class ViewpointNetwork(nn.Module):
         return logits
 
 
-def mirrored(descriptors: Tensor) -> Tensor:
+def mirror_descriptors(descriptors: Tensor) -> Tensor:
     """Descriptors (B, C, rows, cols), of unsigned bins, of the images flipped from left to right: θ becomes π − θ."""
     bins = descriptors.shape[1]
     return descriptors[:, [-k % bins for k in range(bins)]].flip(3)
@@ -148,7 +148,7 @@ class ViewpointPrior(LearnedModel):
         if images.dim() != 4 or images.shape[1:] != (1, SIDE, SIDE):
             raise ValueError(f"expected images of shape (B, 1, {SIDE}, {SIDE}), got {tuple(images.shape)}")
         descriptors = describe(images, self.spec)
-        own, other = (self._network(each).log_softmax(1) for each in (descriptors, mirrored(descriptors)))
+        own, other = (self._network(cells).log_softmax(1) for cells in (descriptors, mirror_descriptors(descriptors)))
         both: Tensor = (own + other.flip(1).roll(1, 1)).div(2).log_softmax(1)
         return both
 
@@ -169,7 +169,7 @@ def default_viewpoints() -> ViewpointPrior:
     return ViewpointPrior.load(FILE)
 
 
-def chosen_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
+def choose_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
     """The prior of a choice; for ``"default"`` none where the package was installed without it.
 
     Raises:

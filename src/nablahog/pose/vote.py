@@ -34,22 +34,24 @@ from .similarity import white_background
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
-_COARSE = 0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
-_AGREED = 0.8  # difference in similarity that reduces a pose's weight to 1/e
-_BLUR = 12.0  # degrees
-_RIVAL = 0.8  # of the best view's similarity, after tilting
+_COARSE_WEIGHT = (
+    0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
+)
+_VOTE_SCALE = 0.8  # difference in similarity that reduces a pose's weight to 1/e
+_VOTE_BLUR = 12.0  # degrees
+_RIVAL_SHARE = 0.8  # of the best view's similarity, after tilting
 _MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
-KNOWN = -14.35, 7.34, -0.88, 0.0  # of a single model
-UNKNOWN = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
-_TOLD_APART = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
+KNOWN_MODEL = -14.35, 7.34, -0.88, 0.0  # of a single model
+UNKNOWN_MODEL = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
+_LEAD_SCALE = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
 _RUNNERS_UP = 3  # poses from other sides that are kept
-_SHARPNESS = 0.5  # of the soft maximum, in units of similarity
-_NETWORK = 0.6  # exponent of the network's probabilities, beside those of the views
-_ASKED = 8  # so many models, or up to twice as many, are shown to the network, to see whether it knows the class
-_VIEWS = 12  # of each of them
-_ELEVATION = 15.0  # degrees, of these views
-_KNOWN = 0.6  # share of these views whose azimuth it must have within :data:`SAME_SIDE` degrees
+_SOFT_MAXIMUM = 0.5  # of the soft maximum, in units of similarity
+_NETWORK_EXPONENT = 0.6  # exponent of the network's probabilities, beside those of the views
+_KNOWN_MODELS = 8  # so many models, or up to twice as many, are shown to the network, to see whether it knows the class
+_KNOWN_VIEWS = 12  # of each of them
+_KNOWN_ELEVATION = 15.0  # degrees, of these views
+_KNOWN_SHARE = 0.6  # share of these views whose azimuth it must have within :data:`SAME_SIDE` degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ class Hypothesis:
     trace: tuple[tuple[float, float], ...] = ()  # azimuth and coarse similarity of the poses so far
     penalty: float = 0.0  # subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`
 
-    def moved(self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0) -> Hypothesis:
+    def move(self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0) -> Hypothesis:
         """The hypothesis at another pose, with its similarity and that of the coarse template."""
         trace = (*self.trace, (float(pose[0]), coarse))
         return replace(self, pose=pose, similarity=similarity, trace=trace, penalty=penalty)
@@ -98,17 +100,20 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
         count: the most sides to return.
         evidence: logarithms of the probabilities of the poses' azimuths for any model, (N,).
     """
-    azimuths = torch.tensor([one.azimuth for one in poses], dtype=torch.float64)
-    similarities = [_COARSE * one.coarse + (1 - _COARSE) * one.similarity - one.penalty for one in poses]
-    weights = _weights(torch.tensor(similarities).double() + _AGREED * evidence)
+    azimuths = torch.tensor([hypothesis.azimuth for hypothesis in poses], dtype=torch.float64)
+    similarities = [
+        _COARSE_WEIGHT * hypothesis.coarse + (1 - _COARSE_WEIGHT) * hypothesis.similarity - hypothesis.penalty
+        for hypothesis in poses
+    ]
+    weights = _weights(torch.tensor(similarities).double() + _VOTE_SCALE * evidence)
     apart = signed_angles(azimuths[:, None] - azimuths)
-    votes, total = torch.exp(-0.5 * (apart / _BLUR) ** 2) @ weights, float(weights.sum())
+    votes, total = torch.exp(-0.5 * (apart / _VOTE_BLUR) ** 2) @ weights, float(weights.sum())
     sides: list[tuple[list[Hypothesis], float]] = []
     while len(sides) < count and votes.isfinite().any():
         near = signed_angles(azimuths - azimuths[votes.argmax()]).abs() <= SAME_SIDE
-        here = near & votes.isfinite()
-        on_side = [poses[k] for k in here.nonzero()[:, 0].tolist()]
-        sides.append((by_score(on_side), float(weights[here].sum()) / total))
+        voters = near & votes.isfinite()
+        on_side = [poses[k] for k in voters.nonzero()[:, 0].tolist()]
+        sides.append((sort_by_score(on_side), float(weights[voters].sum()) / total))
         votes[near] = -torch.inf
     return sides
 
@@ -118,8 +123,8 @@ def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
 
     Models that are not the object's own are each off by some degrees, in all directions.
     """
-    weights = _weights(torch.tensor([one.score for one in poses]))
-    angles = torch.stack([one.pose[[0, 1, 3]] for one in poses])
+    weights = _weights(torch.tensor([hypothesis.score for hypothesis in poses]))
+    angles = torch.stack([hypothesis.pose[[0, 1, 3]] for hypothesis in poses])
     first = angles[0]
     return first + weights @ signed_angles(angles - first) / weights.sum()
 
@@ -138,40 +143,44 @@ def midway_azimuth(azimuth: Tensor, log_probabilities: Tensor) -> Tensor:
     return azimuth + log_probabilities[near].double().softmax(0) @ apart[near] / 2
 
 
-def by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def sort_by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """``poses``, the best first."""
-    return sorted(poses, key=lambda one: -one.score)
+    return sorted(poses, key=lambda hypothesis: -hypothesis.score)
 
 
-def with_rival(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def add_rival(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The best pose, and the best from another side if it is nearly as good: front and back look much alike."""
-    best = max(poses, key=lambda one: one.score)
-    elsewhere = [one for one in poses if azimuth_distance(one.azimuth, best.azimuth) > SAME_SIDE]
-    rival = max(elsewhere, key=lambda one: one.score, default=best)
-    return [best, rival] if rival is not best and rival.similarity >= _RIVAL * best.similarity else [best]
+    best = max(poses, key=lambda hypothesis: hypothesis.score)
+    elsewhere = [hypothesis for hypothesis in poses if azimuth_distance(hypothesis.azimuth, best.azimuth) > SAME_SIDE]
+    rival = max(elsewhere, key=lambda hypothesis: hypothesis.score, default=best)
+    return [best, rival] if rival is not best and rival.similarity >= _RIVAL_SHARE * best.similarity else [best]
 
 
-def more_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
+def select_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The best poses from sides other than those of the chosen ones and of each other."""
-    others: list[Hypothesis] = []
-    for one in by_score(poses):
-        apart = min(azimuth_distance(one.azimuth, each.azimuth) for each in (*chosen, *others))
-        if apart > SAME_SIDE and len(others) < _MORE_ASCENTS:
-            others.append(one)
-    return others
+    starts: list[Hypothesis] = []
+    for hypothesis in sort_by_score(poses):
+        apart = min(azimuth_distance(hypothesis.azimuth, pose.azimuth) for pose in (*chosen, *starts))
+        if apart > SAME_SIDE and len(starts) < _MORE_ASCENTS:
+            starts.append(hypothesis)
+    return starts
 
 
-def shares_of_best(
+def compare_shares(
     best: Hypothesis, refined: Sequence[Hypothesis], tilted: Sequence[Hypothesis]
 ) -> list[tuple[float, Hypothesis]]:
     """Poses with their similarity divided by the best refined pose's; by the best tilted pose's without an ascent."""
-    highest = max(one.similarity for one in tilted)
-    shares = [(one.similarity / max(best.similarity, 1e-9), one) for one in refined if one is not best]
-    started = [azimuth for one in refined for azimuth, _ in one.trace[:-1]]
+    highest = max(hypothesis.similarity for hypothesis in tilted)
+    shares = [
+        (hypothesis.similarity / max(best.similarity, 1e-9), hypothesis)
+        for hypothesis in refined
+        if hypothesis is not best
+    ]
+    started = [azimuth for hypothesis in refined for azimuth, _ in hypothesis.trace[:-1]]
     shares += [
-        (one.similarity / max(highest, 1e-9), one)
-        for one in tilted
-        if min(azimuth_distance(one.azimuth, azimuth) for azimuth in started) > 0
+        (hypothesis.similarity / max(highest, 1e-9), hypothesis)
+        for hypothesis in tilted
+        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in started) > 0
     ]
     return shares
 
@@ -185,16 +194,16 @@ def runners_up(
     """
     azimuths = [best.azimuth, *same_view]
     chosen: list[tuple[Hypothesis, float]] = []
-    for share, one in sorted(shares, key=lambda each: -each[0]):
-        if min(azimuth_distance(one.azimuth, azimuth) for azimuth in azimuths) > SAME_SIDE:
-            chosen.append((one, min(max(share, 0.0), 1.0)))
-            azimuths.append(one.azimuth)
+    for share, hypothesis in sorted(shares, key=lambda pair: -pair[0]):
+        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in azimuths) > SAME_SIDE:
+            chosen.append((hypothesis, min(max(share, 0.0), 1.0)))
+            azimuths.append(hypothesis.azimuth)
     return chosen[:_RUNNERS_UP]
 
 
 def _weights(similarities: Tensor) -> Tensor:
     """Weights of poses in a vote, (N,), float64."""
-    return torch.exp((similarities.double() - similarities.max()) / _AGREED)
+    return torch.exp((similarities.double() - similarities.max()) / _VOTE_SCALE)
 
 
 def azimuth_evidence(
@@ -212,15 +221,15 @@ def azimuth_evidence(
     for elevation, penalty in penalties.items():
         for model in models:
             views = view_descriptors(model, elevation, photographs[0].own_background).flatten(1)
-            sums += (((views @ weights).double().T - penalty) / _SHARPNESS).exp()
-    evidence = _SHARPNESS * sums.log()  # a soft maximum over models
+            sums += (((views @ weights).double().T - penalty) / _SOFT_MAXIMUM).exp()
+    evidence = _SOFT_MAXIMUM * sums.log()  # a soft maximum over models
     if prior is not None:
         crops = torch.cat([photograph.crop.image for photograph in photographs])
-        evidence += _NETWORK * prior.log_probabilities(crops).double()
+        evidence += _NETWORK_EXPONENT * prior.log_probabilities(crops).double()
     return evidence.log_softmax(1)
 
 
-def at_azimuths(evidence: Tensor, azimuths: Tensor) -> Tensor:
+def interpolate_evidence(evidence: Tensor, azimuths: Tensor) -> Tensor:
     """Evidence (N, 48), interpolated at one azimuth each (N,), degrees: (N,)."""
     place = azimuths % 360 * (VIEW_COUNT / 360)
     low = place.long() % VIEW_COUNT
@@ -230,17 +239,17 @@ def at_azimuths(evidence: Tensor, azimuths: Tensor) -> Tensor:
     return (1 - share) * before + share * after
 
 
-def knows(prior: ViewpointPrior, models: Sequence[PreparedModel]) -> bool:
+def recognizes_models(prior: ViewpointPrior, models: Sequence[PreparedModel]) -> bool:
     """Whether the prior recognises the azimuths of views of the models: their class, and which side is the front."""
-    asked = models[:: max(len(models) // _ASKED, 1)]
-    return sum(_right_share(prior, model) for model in asked) >= _KNOWN * len(asked)
+    sample = models[:: max(len(models) // _KNOWN_MODELS, 1)]
+    return sum(_right_share(prior, model) for model in sample) >= _KNOWN_SHARE * len(sample)
 
 
 @lru_cache(maxsize=2048)
 def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     """Share of the views of a model whose azimuth the prior tells."""
-    azimuths = equidistant_azimuths(_VIEWS)
-    poses = fit_to_box(level_poses(azimuths, _ELEVATION), model.hull, model.camera, FILL)
+    azimuths = equidistant_azimuths(_KNOWN_VIEWS)
+    poses = fit_to_box(level_poses(azimuths, _KNOWN_ELEVATION), model.hull, model.camera, FILL)
     background = white_background(model.camera)
     views = model.renderer(detail=DETAIL).render(poses, background, derivative=False).image[:, None]
     likely = prior.log_probabilities(views).argmax(1) * (360 / VIEW_COUNT)
@@ -261,7 +270,8 @@ def confidence(similarity: float, rival: float, lead: float, agreement: float, *
         agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
         known_model: whether there is a single model.
     """
-    constant, of_similarity, of_rival, of_agreement = KNOWN if known_model else UNKNOWN
-    logit = constant + of_similarity * math.log1p(max(similarity, 0.0)) + of_rival * rival + of_agreement * agreement
+    constant, similarity_weight, rival_weight, agreement_weight = KNOWN_MODEL if known_model else UNKNOWN_MODEL
+    explained = similarity_weight * math.log1p(max(similarity, 0.0))
+    logit = constant + explained + rival_weight * rival + agreement_weight * agreement
     fits = 1 / (1 + math.exp(-logit))
-    return min(fits, 1 / (1 + math.exp(-lead / _TOLD_APART))) if known_model else fits
+    return min(fits, 1 / (1 + math.exp(-lead / _LEAD_SCALE))) if known_model else fits

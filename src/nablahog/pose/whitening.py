@@ -26,9 +26,9 @@ from ..hog.spec import HOGSpec
 from ..io.learned_model import NUMBER, SPEC, TENSOR, TEXTS, LearnedModel, check_tensor
 from ..runtime.text import counted
 
-LARGEST = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
-_REACH = 48  # cells of a torus on which the inverse of Σ decays; windows of objects have fewer
-_MARGIN = 4  # cells between a descriptor and its copy around the torus
+MAX_ENTRY = 1e6  # entry of a mean or covariance: those of descriptors are far below 1
+_DECAY = 48  # cells of a torus on which the inverse of Σ decays; windows of objects have fewer
+_TORUS_MARGIN = 4  # cells between a descriptor and its copy around the torus
 _BLOCK = 16  # frequencies that are adjacent in the compiled loops' memory
 _REGULARIZATION = {8: 0.003, 4: 0.03}  # λ by the pixels of a cell, for whole windows
 
@@ -79,11 +79,11 @@ class Background(LearnedModel):
         channels, order = self.spec.channels, self.order
         shapes = {"mean": (channels,), "covariance": (order + 1, 2 * order + 1, channels, channels)}
         for name, shape in shapes.items():
-            check_tensor(name, getattr(self, name), torch.float64, shape, -LARGEST, LARGEST)
+            check_tensor(name, getattr(self, name), torch.float64, shape, -MAX_ENTRY, MAX_ENTRY)
         if not torch.allclose(self.covariance[0].flip(0).mT, self.covariance[0]):
             raise ValueError("the covariance of two cells must not depend on which of them comes first")
-        if not 1e-9 <= self.regularization <= LARGEST:
-            raise ValueError(f"regularization must lie in 1e-9…{LARGEST:g}, got {self.regularization!r}")
+        if not 1e-9 <= self.regularization <= MAX_ENTRY:
+            raise ValueError(f"regularization must lie in 1e-9…{MAX_ENTRY:g}, got {self.regularization!r}")
 
     @property
     def summary(self) -> str:
@@ -204,7 +204,7 @@ class Whitener:
     def __init__(self, background: Background, rows: int, cols: int, regularization: float | None = None) -> None:
         least = background.regularization if regularization is None else regularization
         self.rows, self.cols, self.mean = rows, cols, background.mean.to(torch.float32)
-        self.size = next_fast_len(rows + _MARGIN, real=True), next_fast_len(cols + _MARGIN, real=True)
+        self.size = next_fast_len(rows + _TORUS_MARGIN, real=True), next_fast_len(cols + _TORUS_MARGIN, real=True)
         inverse = _inverse_spectrum(background, self.size, least)
         self.inverse = inverse.to(torch.complex64).flatten(0, 1).permute(1, 2, 0).contiguous()  # (C, C, frequencies)
         # half of a real signal's spectrum is stored: all but the first and the middle column count twice
@@ -246,7 +246,7 @@ class Whitener:
         half: NDArray[np.complex64] = spectrum.reshape(*spectrum.shape[:2], -1)
         return half
 
-    def centred(self, descriptors: Tensor) -> Tensor:
+    def centre_coordinates(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
 
@@ -256,11 +256,11 @@ def _inverse_spectrum(background: Background, size: tuple[int, int], least: floa
 
     It decays over cells: on a large torus it is that of a smaller one, padded with zeros.
     """
-    if min(size) <= _REACH:
+    if min(size) <= _DECAY:
         return _inverted(background, size, least)
     cells = _inverse_cells(background, least)
     torus = cells.new_zeros(*size, *cells.shape[2:])
-    offsets = torch.arange(-(_REACH // 2), _REACH // 2)
+    offsets = torch.arange(-(_DECAY // 2), _DECAY // 2)
     torus[offsets[:, None], offsets] = cells[offsets[:, None], offsets]
     spectrum: Tensor = torch.fft.rfft2(torus, dim=(0, 1))
     return spectrum
@@ -269,7 +269,7 @@ def _inverse_spectrum(background: Background, size: tuple[int, int], least: floa
 @lru_cache(maxsize=8)
 def _inverse_cells(background: Background, least: float) -> Tensor:
     """(Σ + λ)⁻¹ by the offset between two cells, (_REACH, _REACH, C, C)."""
-    size = _REACH, _REACH
+    size = _DECAY, _DECAY
     cells: Tensor = torch.fft.irfft2(_inverted(background, size, least), s=size, dim=(0, 1))
     return cells
 

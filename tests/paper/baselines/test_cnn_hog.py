@@ -121,7 +121,7 @@ def test_inverts(photographs: Tensor, bilinear: bool) -> None:
 
 
 def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cnn_hog, "ITERATIONS", 5)  # a long descent amplifies rounding, which depends on the batch
+    monkeypatch.setattr(cnn_hog, "RATE_ITERATIONS", 5)  # a long descent amplifies rounding, which depends on the batch
     net = CNNHOG(8, bilinear=True)
     descriptor = net.descriptor(photographs[..., :24, :24].double())
     both, one = net.reconstruct(descriptor), net.reconstruct(descriptor[1:])

@@ -15,7 +15,7 @@ from nablahog.hog.box import Box
 from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar
 from nablahog.paper.baselines.exemplar import NOTHING, UNLIKE, Layout, Pyramid, detect, star_match
-from nablahog.paper.baselines.exemplar_views import SPEC, ExemplarViews, ViewSampling, learn_views
+from nablahog.paper.baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarViews, ViewSampling, learn_views
 from nablahog.pose.background import default_background
 from nablahog.render import Camera, Mesh, render
 
@@ -32,7 +32,7 @@ def meshes() -> dict[str, Mesh]:
 
 @pytest.fixture(scope="module")
 def models(meshes: dict[str, Mesh]) -> dict[str, ExemplarViews]:
-    background = default_background(SPEC)
+    background = default_background(EXEMPLAR_SPEC)
     return {name: learn_views(mesh, background, VIEW_SAMPLING) for name, mesh in meshes.items()}
 
 

@@ -17,12 +17,12 @@ from nablahog.hog import hog
 from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar_views as learning
 from nablahog.paper.baselines.exemplar_views import (
-    CELL,
+    CELL_SIDE,
+    EXEMPLAR_SPEC,
     FOCAL,
-    LEVELS,
     LIGHT,
-    SIDE,
-    SPEC,
+    OCTAVE_LEVELS,
+    RENDERING_SIDE,
     ExemplarLibrary,
     ExemplarViews,
     ViewSampling,
@@ -42,7 +42,7 @@ FEW = ViewSampling(azimuths=(0, 75), elevations=(20,))
 
 @pytest.fixture(scope="module")
 def background() -> Background:
-    return default_background(SPEC)
+    return default_background(EXEMPLAR_SPEC)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,8 @@ def test_viewpoints_of_the_released_code() -> None:
 
 
 def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
-    images = Renderer(mesh, Camera(FOCAL, SIDE, SIDE), light=LIGHT, supersampling=2)(FEW.poses())[:, 0]
+    camera = Camera(FOCAL, RENDERING_SIDE, RENDERING_SIDE)
+    images = Renderer(mesh, camera, light=LIGHT, supersampling=2)(FEW.poses())[:, 0]
     assert views.viewpoints.tolist() == [[0, 20], [75, 20]]
     assert 8 <= len(views.scale) <= 20
     for view, image in enumerate(images):
@@ -86,7 +87,7 @@ def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, ba
 
 
 def test_elements_of_a_view_are_apart_and_on_the_object(views: ExemplarViews) -> None:
-    pixels = CELL * 2 ** (views.level / LEVELS)
+    pixels = CELL_SIDE * 2 ** (views.level / OCTAVE_LEVELS)
     low = views.positions * pixels[:, None]
     high = (views.positions + 10) * pixels[:, None]
     for view in range(2):
@@ -112,7 +113,7 @@ def test_levels_of_a_pyramid() -> None:
 
 
 def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> None:
-    other = dataclasses.replace(background, spec=dataclasses.replace(SPEC, cell_size=(8, 8)))
+    other = dataclasses.replace(background, spec=dataclasses.replace(EXEMPLAR_SPEC, cell_size=(8, 8)))
     with pytest.raises(ValueError, match="learned for another spec: its cell_size is "):
         learn_views(mesh, other, FEW)
     with pytest.raises(ValueError, match="must have 1…10 rows and columns of cells here, got 11x11"):
@@ -210,7 +211,10 @@ def test_one_of_ten_thousand_patches_of_photographs_scores_0(background: Backgro
     scale, offset = calibration(weights, background)
     assert_close((weights * background.mean.float()).sum((1, 2, 3)) * scale + offset, -torch.ones(8), atol=1e-4, rtol=0)
     samples = [sample_photograph(name)[None] for name in ("astronaut", "camera", "coffee", "rocket")]
-    maps = [conv2d(hog(each, SPEC).permute(0, 3, 1, 2), weights.permute(0, 3, 1, 2))[0].flatten(1) for each in samples]
+    maps = [
+        conv2d(hog(each, EXEMPLAR_SPEC).permute(0, 3, 1, 2), weights.permute(0, 3, 1, 2))[0].flatten(1)
+        for each in samples
+    ]
     scores = scale[:, None] * torch.cat(maps, dim=1) + offset[:, None]
     assert scores.shape[1] > 9000
     assert abs(scores.mean() + 1) < 0.1

@@ -107,7 +107,7 @@ def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
 
 
 def test_a_batch_is_its_images(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.paper.baselines.hoggles.BATCH", 2 * 22 * 22)
+    monkeypatch.setattr("nablahog.paper.baselines.hoggles.WINDOW_BATCH", 2 * 22 * 22)
     descriptors = hog(torch.cat([photograph(64, name) for name in ("camera", "coffee", "astronaut")]), SPEC)
     together = _learned().reconstruct(descriptors, SPEC, (64, 63))
     assert together.image.shape == (3, 1, 64, 63)

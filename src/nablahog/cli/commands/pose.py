@@ -18,7 +18,7 @@ from ...io.lists import AnnotatedObject, read_objects
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
-from ...pose.crop import masked
+from ...pose.crop import apply_mask
 from ...pose.options import Lens
 from ...pose.result import pose_figures
 from ...render.mesh import SAMPLE_CHAIRS, Y_UP, axes
@@ -188,7 +188,7 @@ class ObjectJob:
         request, photo = self._whole(), local_path(self.photo)
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
         if request.mask is not None:
-            photograph, box = masked(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
+            photograph, box = apply_mask(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
         lens = read_lens(photo, request.focal, request.principal_point)
         meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
         asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}

@@ -18,9 +18,9 @@ from ...io.photographs import Photographs, read_folder, sample_photographs
 from ...jobs.worker import cores
 from ...paper import table1_page, table2_page
 from ...paper.annotations import read_annotations, read_viewpoints, sample_viewpoints
-from ...paper.examples import CONDITIONS, Examples, photographed, rendered
+from ...paper.examples import CONDITIONS, Examples, photograph_examples, render_examples
 from ...paper.learned import learned_from_samples, load, shipped_files
-from ...paper.methods import Method, Table1Settings, choose
+from ...paper.methods import ReconstructionMethod, Table1Settings, choose
 from ...paper.pascal3d import read_pascal3d
 from ...paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
 from ...paper.scenes import CHAIRS
@@ -102,14 +102,14 @@ def table2(arguments: Namespace) -> None:
     say_page(folder / "index.html")
 
 
-def _say_ran(methods: Sequence[Method | PoseMethod], results: Results) -> None:
+def _say_ran(methods: Sequence[ReconstructionMethod | PoseMethod], results: Results) -> None:
     """Names the methods, and each result that is missing from the table."""
     say(f"Ran: {', '.join(method.name for method in methods)}")
     for failure in results.failures:
         say(f"Failed: {failure.image}, {failure.method or 'all methods'}: {failure.reason}")
 
 
-def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
+def _check_files(files: Mapping[str, Path], methods: Sequence[ReconstructionMethod]) -> None:
     """Raises ValueError if a learned file cannot be read or is for other descriptors than those of its methods."""
     for kind, path in files.items():
         model = load(kind, path)
@@ -119,7 +119,7 @@ def _check_files(files: Mapping[str, Path], methods: Sequence[Method]) -> None:
                     model.check(method.spec)
 
 
-def _learn_missing(files: Mapping[str, Path], methods: Sequence[Method]) -> dict[str, Path]:
+def _learn_missing(files: Mapping[str, Path], methods: Sequence[ReconstructionMethod]) -> dict[str, Path]:
     """Learns, from bundled photographs, the files that methods need and no option gives."""
     learned = {}
     for kind in dict.fromkeys(kind for method in methods for kind in method.needs if kind not in files):
@@ -166,7 +166,7 @@ def _published(arguments: Namespace) -> Objects:
     selection = read_pascal3d(voc, pascal3d)
     if arguments.objects is not None:
         selection = replace(selection, objects=selection.objects[: arguments.objects])
-    examples = photographed(
+    examples = photograph_examples(
         selection.objects,
         models,
         origin=f"PASCAL VOC with the viewpoints of PASCAL3D+: {selection.summary()}",
@@ -182,7 +182,7 @@ def _annotated(arguments: Namespace) -> Objects:
     folder = Path(arguments.annotations).resolve().parent
     read = read_annotations(arguments.annotations, {model.name for model in models}, arguments.objects)
     made = partial(
-        photographed,
+        photograph_examples,
         models=models,
         origin=f"{counted(len(read), 'object')} in photographs of the folder {folder.name}.",
         unknown_model=arguments.unknown_model,
@@ -211,7 +211,7 @@ def _scenes(arguments: Namespace) -> Objects:
         else f"{counted(len(models), 'model')} of the folder {Path(arguments.models).resolve().name}"
     )
     made: Callable[..., Examples] = partial(
-        rendered,
+        render_examples,
         models=models,
         viewpoints=viewpoints,
         photographs=[sample_photograph(name) for name in SAMPLE_NAMES],

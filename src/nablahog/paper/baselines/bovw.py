@@ -35,15 +35,15 @@ from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from ...runtime.text import counted
 from .bovw_arrangement import Costs, arrange
-from .dense_sift import CELLS, LENGTH, dense_sift, sift_grid
+from .dense_sift import LENGTH, WINDOW_CELLS, dense_sift, sift_grid
 
 WORDS = 500
-CELL = 8  # pixels of a cell's side
-PATCH = 40  # pixels of a patch's side
-WINDOWS = 50_000  # to cluster
+CELL_SIDE = 8  # pixels of a cell's side
+PATCH_SIDE = 40  # pixels of a patch's side
+CLUSTERED_WINDOWS = 50_000  # to cluster
 ROUNDS = 20  # of k-means
-LARGEST = 1 + 1e-5  # entry of a word, whose length is at most 1, up to rounding
-BATCH = 16  # images that are described or rendered at a time
+MAX_WORD_ENTRY = 1 + 1e-5  # entry of a word, whose length is at most 1, up to rounding
+IMAGE_BATCH = 16  # images that are described or rendered at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ class BoVW(LearnedModel):
         words = len(self.vocabulary) if self.vocabulary.dim() else 0
         size = self.patches.shape[-1] if self.patches.dim() else 0
         count = len(self.database) if self.database.dim() else 0
-        check_tensor("vocabulary", self.vocabulary, torch.float32, (words, LENGTH), 0, LARGEST)
+        check_tensor("vocabulary", self.vocabulary, torch.float32, (words, LENGTH), 0, MAX_WORD_ENTRY)
         check_tensor("patches", self.patches, torch.float32, (words, size, size), 0, 1)
         check_tensor("database", self.database, torch.int16, (count, *grid), 0, words - 1)
         check_patch(size, self.cell)
@@ -111,7 +111,7 @@ class BoVW(LearnedModel):
         if image.shape[1:] != (1, *self.image_size):
             expected, got = ("x".join(map(str, size)) for size in (self.image_size, image.shape[2:]))
             raise ValueError(f"the words were learned from images of {expected} pixels (height x width), got {got}")
-        descriptors = (dense_sift(batch.float(), self.cell) for batch in torch.split(image, BATCH))
+        descriptors = (dense_sift(batch.float(), self.cell) for batch in torch.split(image, IMAGE_BATCH))
         return torch.cat([nearest_words(batch, self.vocabulary) for batch in descriptors])
 
     def histogram(self, image: Tensor) -> Tensor:
@@ -131,9 +131,9 @@ class BoVW(LearnedModel):
         weighted = (self.patches * weights).flatten(1)
         images = [
             fold(weighted[batch.flatten(1)].mT, canvas, size, stride=self.cell) / total_weight
-            for batch in torch.split(words, BATCH)
+            for batch in torch.split(words, IMAGE_BATCH)
         ]
-        margin = (size - CELLS * self.cell) // 2
+        margin = (size - WINDOW_CELLS * self.cell) // 2
         down, across = (
             (torch.arange(side) + margin).clamp(max=end - 1) for side, end in zip(self.image_size, canvas, strict=True)
         )  # beyond the last whole cell the edge is repeated
@@ -180,8 +180,9 @@ def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
         raise ValueError(f"a cell must be at least 1 pixel wide, got {cell}")
     rows, cols = sift_grid(*image_size, cell)
     if rows * cols < 2:
+        side = WINDOW_CELLS * cell
         raise ValueError(
-            f"expected images of at least two windows of {CELLS * cell}x{CELLS * cell} pixels, {cell} apart, "
+            f"expected images of at least two windows of {side}x{side} pixels, {cell} apart, "
             f"got {image_size[0]}x{image_size[1]}"
         )
     return rows, cols
@@ -189,8 +190,8 @@ def check_grid(image_size: tuple[int, int], cell: int) -> tuple[int, int]:
 
 def check_patch(size: int, cell: int) -> None:
     """Raises ValueError unless a patch of ``size`` pixels has the window of 4x4 cells in its middle."""
-    if size < CELLS * cell or (size - CELLS * cell) % 2:
-        raise ValueError(f"a patch must be {CELLS * cell} pixels wide, or an even number more, got {size}")
+    if size < WINDOW_CELLS * cell or (size - WINDOW_CELLS * cell) % 2:
+        raise ValueError(f"a patch must be {WINDOW_CELLS * cell} pixels wide, or an even number more, got {size}")
 
 
 def nearest_words(descriptors: Tensor, vocabulary: Tensor) -> Tensor:
@@ -204,8 +205,8 @@ def learn_bovw(
     images: Mapping[str, Tensor],
     *,
     words: int = WORDS,
-    cell: int = CELL,
-    patch: int = PATCH,
+    cell: int = CELL_SIDE,
+    patch: int = PATCH_SIDE,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
     map_function: Callable[..., Iterable[Any]] = map,
@@ -242,19 +243,19 @@ def learn_bovw(
     progress(0, steps, "describing the windows")
     photographs = torch.stack([images[name] for name in names]).unsqueeze(1)
     mirrored_too = torch.cat([photographs, photographs.flip(3)])
-    descriptors = torch.cat(list(map_function(partial(dense_sift, cell=cell), torch.split(mirrored_too, BATCH))))
+    descriptors = torch.cat(list(map_function(partial(dense_sift, cell=cell), torch.split(mirrored_too, IMAGE_BATCH))))
     windows = descriptors.flatten(0, 2)
     windows = windows[windows.any(dim=1)]
     count = len(windows)
     if count < words - 1:
         raise ValueError(f"expected at least {words - 1} windows with contrast to find {words} words, got {count}")
-    drawn = windows.numpy()[np.random.default_rng(seed).permutation(count)[:WINDOWS]]
+    drawn = windows.numpy()[np.random.default_rng(seed).permutation(count)[:CLUSTERED_WINDOWS]]
     means = _kmeans(drawn, words - 1, lambda done: progress(1 + done, steps, "clustering the windows"))
     vocabulary = torch.cat([torch.zeros(1, LENGTH), torch.from_numpy(means)])
     progress(steps - 1, steps, "averaging the patches of the words")
     assign = partial(_words_and_patches, vocabulary=vocabulary, cell=cell, size=patch)
     of_images, total = [], torch.zeros(())
-    batches = torch.split(mirrored_too, BATCH), torch.split(descriptors, BATCH)
+    batches = torch.split(mirrored_too, IMAGE_BATCH), torch.split(descriptors, IMAGE_BATCH)
     for words_of_batch, patches in map_function(assign, *batches):
         of_images.append(words_of_batch)
         total = total + patches
@@ -286,7 +287,7 @@ def _words_and_patches(
     The outermost pixels of an image are repeated.
     """
     words = nearest_words(descriptors, vocabulary)
-    margin = (size - CELLS * cell) // 2
+    margin = (size - WINDOW_CELLS * cell) // 2
     down, across = (
         (torch.arange((places - 1) * cell + size) - margin).clamp(0, side - 1)
         for places, side in zip(words.shape[1:], images.shape[2:], strict=True)

@@ -23,7 +23,7 @@ PLACE_SMOOTHING = 1.0  # s of places
 PAIR_SMOOTHING = 0.5  # s of pairs
 
 MAX_SWEEPS = 100  # some ten are enough
-TOLERANCE = 1e-9  # least decrease of the cost by a swap
+MIN_DECREASE = 1e-9  # least decrease of the cost by a swap
 
 
 class Costs:
@@ -146,8 +146,8 @@ class _Grid:
             others = cells[i + 1 :]
             while len(others):
                 changes = self._changes(p, others)
-                k = int(np.argmax(changes < -TOLERANCE))
-                if not changes[k] < -TOLERANCE:
+                k = int(np.argmax(changes < -MIN_DECREASE))
+                if not changes[k] < -MIN_DECREASE:
                     break
                 total += float(changes[k])
                 swapped = np.array([p, others[k]])

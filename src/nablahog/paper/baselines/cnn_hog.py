@@ -19,7 +19,7 @@ from torch.nn import functional as F
 from ...invert.reconstruction import Reconstruction
 
 LEARNING_RATES = (0.004, 0.0004, 0.00004, 0.000004)  # in this order
-ITERATIONS = 200  # at each rate
+RATE_ITERATIONS = 200  # at each rate
 MOMENTUM = 0.9
 NORM_POWER = 6  # α of the prior Σxᵅ
 NORM_WEIGHT = 8e-10  # λ_α
@@ -81,14 +81,14 @@ class CNNHOG:
         norm = NOISE * math.sqrt(height * width)
         x = (noise * (norm / noise.norm())).to(descriptor).repeat(len(descriptor), 1, 1, 1)
         velocity, history = torch.zeros_like(x), []
-        for step in range(ITERATIONS * len(LEARNING_RATES)):
-            if step % ITERATIONS == 0:
+        for step in range(RATE_ITERATIONS * len(LEARNING_RATES)):
+            if step % RATE_ITERATIONS == 0:
                 velocity.zero_()
             distance, gradient = self._gradient(x, target, scale, norm)
             history.append(distance)
-            velocity = MOMENTUM * velocity - LEARNING_RATES[step // ITERATIONS] * gradient
+            velocity = MOMENTUM * velocity - LEARNING_RATES[step // RATE_ITERATIONS] * gradient
             x = x + velocity
-        image = _stretched(x)
+        image = _stretch(x)
         residual = self.descriptor(image).permute(0, 3, 1, 2) - target
         return Reconstruction(
             image,
@@ -193,7 +193,7 @@ def _total_variation_gradient(x: Tensor) -> Tensor:
     return 2 * (F.pad(across, (1, 0)) - F.pad(across, (0, 1)) + F.pad(down, (0, 0, 1, 0)) - F.pad(down, (0, 0, 0, 1)))
 
 
-def _stretched(x: Tensor) -> Tensor:
+def _stretch(x: Tensor) -> Tensor:
     """Images scaled from their least … largest value to 0…1; a constant one becomes 0.5."""
     low, high = x.flatten(1).aminmax(dim=1)
     low, spread = (one.reshape(-1, 1, 1, 1) for one in (low, high - low))

@@ -19,17 +19,17 @@ from ...hog.descriptor import histograms
 from ...hog.normalizers import GlobalNorm
 from ...hog.spec import HOGSpec
 
-CELLS = 4  # of a window's side
+WINDOW_CELLS = 4  # of a window's side
 ORIENTATIONS = 8
-LENGTH = CELLS * CELLS * ORIENTATIONS
-SIGMA = 2.0  # cells: of the Gaussian that weights them
+LENGTH = WINDOW_CELLS * WINDOW_CELLS * ORIENTATIONS
+WINDOW_SIGMA = 2.0  # cells: of the Gaussian that weights them
 CLIP = 0.2
 LEAST_CONTRAST = 0.0125  # length of a window's weighted votes per pixel of a cell's side; with less, it is flat
 
 
 def sift_grid(height: int, width: int, cell: int) -> tuple[int, int]:
     """Rows and columns of windows in an image, one at each cell where a whole window fits; 0 where none does."""
-    rows, cols = (max(0, side // cell - CELLS + 1) for side in (height, width))
+    rows, cols = (max(0, side // cell - WINDOW_CELLS + 1) for side in (height, width))
     return rows, cols
 
 
@@ -54,8 +54,8 @@ def dense_sift(images: Tensor, cell: int) -> Tensor:
         partial_cells="floor",
         normalizer=GlobalNorm(),
     )
-    windows = histograms(images, spec).unfold(2, CELLS, 1).unfold(3, CELLS, 1).permute(0, 2, 3, 4, 5, 1)
-    offset = (torch.arange(CELLS).to(images) - (CELLS - 1) / 2) / SIGMA
+    windows = histograms(images, spec).unfold(2, WINDOW_CELLS, 1).unfold(3, WINDOW_CELLS, 1).permute(0, 2, 3, 4, 5, 1)
+    offset = (torch.arange(WINDOW_CELLS).to(images) - (WINDOW_CELLS - 1) / 2) / WINDOW_SIGMA
     weights = torch.exp(-offset.square() / 2)
     votes = (windows * torch.outer(weights, weights).unsqueeze(2)).flatten(3)
     length, least = votes.norm(dim=3, keepdim=True), LEAST_CONTRAST * cell

@@ -19,19 +19,19 @@ from torch import Tensor
 from ...hog.box import Box
 from ...pose.crop import ObjectCrop, crop_object
 from ...pose.photograph import all_patches
-from .exemplar_views import CELL, LEVELS, ExemplarViews, concatenate_views, pyramid
+from .exemplar_views import CELL_SIDE, OCTAVE_LEVELS, ExemplarViews, concatenate_views, pyramid
 
 Floats = NDArray[np.floating]
 Integers = NDArray[np.int64]
 
-FILL = 150.0  # pixels of the longer side of the object's box: no less than in renderings, so that all levels exist
-SIDE = 200  # of the square that is searched: half an element around the box
+BOX_SIDE = 150.0  # pixels of the longer side of the object's box: no less than in renderings, so that all levels exist
+SEARCH_SIDE = 200  # of the square that is searched: half an element around the box
 AT_ONCE = 4096  # elements that are scored together: 32 MiB of scores for an image of 2000 places
-MARGIN = 10.0  # pixels by which the middle of an element may lie outside the box
+BOX_MARGIN = 10.0  # pixels by which the middle of an element may lie outside the box
 NOTHING = -1e9  # the score of an element where it cannot lie
 UNLIKE = 1e6  # penalty of a detection whose box is not the object's: it wins only where there is no other
 ROOTS = 10_000  # roots that are looked up together
-AROUND = [(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)]  # of a cell, itself in the middle
+NEIGHBOURS = [(row, col) for row in (-1, 0, 1) for col in (-1, 0, 1)]  # of a cell, itself in the middle
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def detect(
     Raises:
         ValueError: the photograph or the box is unusable, or no element of any view scores above 0.
     """
-    crop = crop_object(photograph, box, SIDE, FILL)
+    crop = crop_object(photograph, box, SEARCH_SIDE, BOX_SIDE)
     images: dict[tuple[int, int], _Image] = {}
     best: tuple[float, str, list[float], list[float]] | None = None
     for size, names in _blocks(models):
@@ -80,7 +80,7 @@ def detect(
         raise ValueError("no element of any view is found in the image")
     _, name, (azimuth, elevation), (confidence, inliers, *corners) = best
     x, y = crop.middle
-    sides = [middle + (side - SIDE / 2) / crop.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
+    sides = [middle + (side - SEARCH_SIDE / 2) / crop.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
     return Detection(name, azimuth, elevation, Box.of(sides), confidence, int(inliers))
 
 
@@ -104,12 +104,12 @@ class _Image:
 
     def __init__(self, crop: ObjectCrop, size: tuple[int, int]) -> None:
         width, height = crop.size
-        self.box = (np.array([-width, -height, width, height]) + SIDE) / 2
+        self.box = (np.array([-width, -height, width, height]) + SEARCH_SIDE) / 2
         levels = [all_patches(cells, size) for cells in pyramid(crop.image[0, 0], size)]
         rows, cols = (np.array([level.shape[axis] for level in levels]) for axis in (0, 1))
         start = np.concatenate([[0], np.cumsum(rows * cols)])
-        self.pyramid = Pyramid(rows, cols, start, float(CELL), float(LEVELS))
-        near = [self._near(level, size, CELL * 2 ** (k / LEVELS)) for k, level in enumerate(levels)]
+        self.pyramid = Pyramid(rows, cols, start, float(CELL_SIDE), float(OCTAVE_LEVELS))
+        near = [self._near(level, size, CELL_SIDE * 2 ** (k / OCTAVE_LEVELS)) for k, level in enumerate(levels)]
         self.places = torch.cat([mask.flatten() for mask in near]).nonzero()[:, 0]
         self.patches = torch.cat([level[mask].flatten(1) for level, mask in zip(levels, near, strict=True)])
 
@@ -117,7 +117,7 @@ class _Image:
         """Which patches of a level have their middle near the box, (rows, cols)."""
         y, x = ((torch.arange(level.shape[axis]) + size[axis] / 2) * pixels for axis in (0, 1))
         x0, y0, x1, y1 = self.box
-        rows, cols = (y >= y0 - MARGIN) & (y <= y1 + MARGIN), (x >= x0 - MARGIN) & (x <= x1 + MARGIN)
+        rows, cols = (y >= y0 - BOX_MARGIN) & (y <= y1 + BOX_MARGIN), (x >= x0 - BOX_MARGIN) & (x <= x1 + BOX_MARGIN)
         near: Tensor = rows[:, None] & cols
         return near
 
@@ -202,13 +202,13 @@ def _local_maxima(scores: Floats, pyramid: Pyramid) -> Roots:
     # numbers of these places in levels with a border, and which of the places are around each of them
     width, sizes = pyramid.cols[level] + 2, (pyramid.rows + 2) * (pyramid.cols + 2)
     at = element * sizes.sum() + (sizes.cumsum() - sizes)[level] + (row + 1) * width + col + 1
-    near = at[:, np.newaxis] + np.stack([down * width + right for down, right in AROUND], axis=1)
+    near = at[:, np.newaxis] + np.stack([down * width + right for down, right in NEIGHBOURS], axis=1)
     around = np.searchsorted(at, near).clip(max=len(at) - 1)
     is_place = at[around] == near
     left = scores[element, place]
     highest = np.zeros(len(at), bool)
     while left.any():
-        new = (left > 0) & (np.where(is_place, left[around], 0).argmax(axis=1) == len(AROUND) // 2)
+        new = (left > 0) & (np.where(is_place, left[around], 0).argmax(axis=1) == len(NEIGHBOURS) // 2)
         highest |= new
         left[around[new][is_place[new]]] = 0
     roots = Roots(*(part[highest] for part in (element, level, row, col)))
@@ -244,17 +244,17 @@ def _confidence(
         for axis, at in enumerate((y, x))
     )
     best = np.full(elements.shape, NOTHING)
-    for down, right in AROUND:
-        inside, score = _looked_up(scores, pyramid, elements, level, row + down, col + right)
+    for down, right in NEIGHBOURS:
+        inside, score = _look_up(scores, pyramid, elements, level, row + down, col + right)
         best = np.where(inside, np.maximum(best, score), best)
-    inside, _ = _looked_up(scores, pyramid, elements, level, row, col)
-    _, own = _looked_up(scores, pyramid, *roots)
+    inside, _ = _look_up(scores, pyramid, elements, level, row, col)
+    _, own = _look_up(scores, pyramid, *roots)
     best = np.where(elements == roots.element[:, np.newaxis], own[:, np.newaxis], best)
     best = np.where(inside & (best != NOTHING), best, best.clip(min=0)) * exists
     return best.sum(axis=1), (best > 0).sum(axis=1)
 
 
-def _looked_up(
+def _look_up(
     scores: Floats, pyramid: Pyramid, elements: Integers, level: Integers, row: Integers, col: Integers
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Whether places are inside of their levels, and the scores of elements there; anything elsewhere."""

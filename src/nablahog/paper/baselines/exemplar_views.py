@@ -27,10 +27,10 @@ from ...pose.whitening import Background
 from ...render import Camera, Light, Mesh, Renderer, silhouette
 from ...runtime.cache import code_key
 
-CELL = 5  # pixels of a cell
-SPEC = aubry(CELL)
-LEVELS = 3  # of a pyramid, per octave
-SIDE = 200  # pixels of a rendering: a model of diagonal 1, and half an element around it
+CELL_SIDE = 5  # pixels of a cell
+EXEMPLAR_SPEC = aubry(CELL_SIDE)
+OCTAVE_LEVELS = 3  # of a pyramid, per octave
+RENDERING_SIDE = 200  # pixels of a rendering: a model of diagonal 1, and half an element around it
 FOCAL = 150 / math.tan(math.radians(54.611 / 2))  # pixels; the authors render 600 at 54.611° and begin at half the size
 LIGHT = Light(ambient=0.2, diffuse=0.8)
 FALSE_POSITIVES = 3.15
@@ -128,11 +128,11 @@ def learn_views(mesh: Mesh, background: Background, sampling: ViewSampling = VIE
     """Renders a normalised model from all around, white behind it, and finds the elements of each rendering.
 
     Patches of all levels of a rendering's pyramid compete, but only those centred on the object: the others are
-    mostly empty.  The background has the statistics of other photographs, in the dialect :data:`SPEC`.
+    mostly empty.  The background has the statistics of other photographs, in the dialect :data:`EXEMPLAR_SPEC`.
     """
-    background.check(SPEC)
+    background.check(EXEMPLAR_SPEC)
     poses = sampling.poses()
-    camera = Camera(FOCAL * sampling.distance / VIEW_SAMPLING.distance, SIDE, SIDE)
+    camera = Camera(FOCAL * sampling.distance / VIEW_SAMPLING.distance, RENDERING_SIDE, RENDERING_SIDE)
     images = Renderer(mesh, camera, light=LIGHT, supersampling=2)(poses).float()
     masks = silhouette(mesh, poses, camera, supersampling=1)[:, 0] > 0
     boxes = torch.stack([_box_of(mask) for mask in masks])
@@ -165,7 +165,7 @@ def _elements(
     patches, places = [], []
     for level, cells in enumerate(pyramid(image, sampling.size)):
         every = all_patches(cells, sampling.size)
-        pixels: float = CELL * 2 ** (level / LEVELS)
+        pixels: float = CELL_SIDE * 2 ** (level / OCTAVE_LEVELS)
         at = torch.cartesian_prod(*(torch.arange(n) for n in every.shape[:2]))
         middle = (at + size / 2) * pixels
         at = at[((middle >= box[[1, 0]]) & (middle <= box[[3, 2]])).all(1)]
@@ -173,7 +173,7 @@ def _elements(
         places.append(torch.cat([torch.full((len(at), 1), level), at], dim=1))
     patch, place = torch.cat(patches), torch.cat(places)
     order, _ = most_discriminative(patch, background, sampling.threshold)
-    enlarged = CELL * 2 ** (place[order, :1] / LEVELS)
+    enlarged = CELL_SIDE * 2 ** (place[order, :1] / OCTAVE_LEVELS)
     corners = torch.cat([place[order, 1:] * enlarged, (place[order, 1:] + size) * enlarged], dim=1)
     kept = order[suppress_overlaps(corners, sampling.count, sampling.overlap)]
     return element_weights(patch[kept], background), place[kept, 0], place[kept, 1:]
@@ -187,17 +187,17 @@ def calibration(weights: Tensor, background: Background) -> tuple[Tensor, Tensor
 
 
 def pyramid(image: Tensor, size: tuple[int, int]) -> list[Tensor]:
-    """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/:data:`LEVELS`) times smaller than the one before,
+    """Descriptors (rows, cols, C) of a gray image (H, W), each 2^(1/3) times smaller than the one before,
     as long as they have ``size`` (rows, cols) cells."""
     levels: list[Tensor] = []
     while True:
-        sides = [max(1, round(side * 2 ** (-len(levels) / LEVELS))) for side in image.shape]
-        if any((side + CELL // 2) // CELL < least for side, least in zip(sides, size, strict=True)):
+        sides = [max(1, round(side * 2 ** (-len(levels) / OCTAVE_LEVELS))) for side in image.shape]
+        if any((side + CELL_SIDE // 2) // CELL_SIDE < least for side, least in zip(sides, size, strict=True)):
             return levels
         small = image[None, None]
         if levels:
             small = functional.interpolate(small, sides, mode="bicubic", antialias=True).clamp(0, 1)
-        levels.append(normalize(histograms(small, SPEC), SPEC)[0].permute(1, 2, 0))
+        levels.append(normalize(histograms(small, EXEMPLAR_SPEC), EXEMPLAR_SPEC)[0].permute(1, 2, 0))
 
 
 class ExemplarLibrary:

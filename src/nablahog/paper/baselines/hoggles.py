@@ -31,16 +31,16 @@ from ...io.learned_model import NUMBER, SPEC, TENSOR, LearnedModel, account, che
 from ...runtime.extras import extra
 from ...runtime.text import counted
 
-CELLS = 5  # of a window's side
-MARGIN = 1  # cells on each side by which a patch is larger
-PATCH = CELLS + 2 * MARGIN  # cells of a patch's side
+WINDOW_CELLS = 5  # of a window's side
+MARGIN_CELLS = 1  # cells on each side by which a patch is larger
+PATCH_CELLS = WINDOW_CELLS + 2 * MARGIN_CELLS  # cells of a patch's side
 PADDING = 5  # empty cells around a descriptor
-SIGMA = 9 / 8  # cells: of the Gaussian that weights the pixels of a patch
-LARGEST = 1 + 1e-5  # entry of an atom, whose length is at most 1, up to rounding
+PATCH_SIGMA = 9 / 8  # cells: of the Gaussian that weights the pixels of a patch
+MAX_ATOM_ENTRY = 1 + 1e-5  # entry of an atom, whose length is at most 1, up to rounding
 EPSILON = float(np.finfo(np.float64).eps)  # added to a window's energy
 ROUNDING = 1e-5  # relative to the largest pixel: less contrast counts as none
-TOLERANCE = 1e-3  # of ‖x‖²: how far the objective of a code may be above its minimum
-BATCH = 4096  # windows whose patches are in memory at a time, or those of one descriptor
+CODE_TOLERANCE = 1e-3  # of ‖x‖²: how far the objective of a code may be above its minimum
+WINDOW_BATCH = 4096  # windows whose patches are in memory at a time, or those of one descriptor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,9 +88,9 @@ class PairedDictionary(LearnedModel):
 
     def __post_init__(self) -> None:
         atoms = self.gray.shape[0] if self.gray.dim() else 0
-        check_tensor("gray", self.gray, torch.float32, (atoms, *patch_size(self.spec)), -LARGEST, LARGEST)
-        windows_shape = (atoms, CELLS, CELLS, self.spec.channels)
-        check_tensor("hog", self.hog, torch.float32, windows_shape, -LARGEST, LARGEST)
+        check_tensor("gray", self.gray, torch.float32, (atoms, *patch_size(self.spec)), -MAX_ATOM_ENTRY, MAX_ATOM_ENTRY)
+        windows_shape = (atoms, WINDOW_CELLS, WINDOW_CELLS, self.spec.channels)
+        check_tensor("hog", self.hog, torch.float32, windows_shape, -MAX_ATOM_ENTRY, MAX_ATOM_ENTRY)
         check_sparsity(self.sparsity)
 
     @property
@@ -117,7 +117,7 @@ class PairedDictionary(LearnedModel):
         self.check(spec)
         size = check_descriptor(descriptor, spec, image_size)
         count, rows, cols = descriptor.shape[:3]
-        batch = max(1, BATCH // math.prod(side + 2 * PADDING - CELLS + 1 for side in (rows, cols)))
+        batch = max(1, WINDOW_BATCH // math.prod(side + 2 * PADDING - WINDOW_CELLS + 1 for side in (rows, cols)))
         image = torch.cat([self._invert(some.float(), size) for some in torch.split(descriptor, batch)])
         return Reconstruction(
             image,
@@ -133,8 +133,8 @@ class PairedDictionary(LearnedModel):
         x = hog_windows(pad(descriptor, (0, 0, PADDING, PADDING, PADDING, PADDING)))
         codes = positive_lasso(self.hog.flatten(1), unit(x.flatten(3).flatten(0, 2)), self.sparsity)
         patches = (codes @ (self.gray * _gaussian(self.spec)).flatten(1)).view(*x.shape[:3], -1)
-        top, left = ((PADDING + MARGIN) * cell for cell in self.spec.cell_size)
-        return _stretched(_average_patches(patches, self.spec))[..., top : top + size[0], left : left + size[1]]
+        top, left = ((PADDING + MARGIN_CELLS) * cell for cell in self.spec.cell_size)
+        return _stretch(_average_patches(patches, self.spec))[..., top : top + size[0], left : left + size[1]]
 
 
 def check_cells(spec: HOGSpec) -> None:
@@ -154,7 +154,7 @@ def check_sparsity(sparsity: float) -> None:
 
 def patch_size(spec: HOGSpec) -> tuple[int, int]:
     """(height, width) of a gray patch in pixels."""
-    return PATCH * spec.cell_size[0], PATCH * spec.cell_size[1]
+    return PATCH_CELLS * spec.cell_size[0], PATCH_CELLS * spec.cell_size[1]
 
 
 def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
@@ -168,7 +168,7 @@ def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
     nonzero = vectors.any(1)  # the codes of zero windows are 0, and some versions warn of these
     if nonzero.any():
         gram = (atoms @ atoms.T).numpy()
-        options = {"fit_intercept": False, "copy_X": False, "precompute": gram, "positive": True, "tol": TOLERANCE}
+        options = {"fit_intercept": False, "copy_X": False, "precompute": gram, "positive": True, "tol": CODE_TOLERANCE}
         lasso = Lasso(sparsity / atoms.shape[1], **options)
         lasso.fit(atoms.contiguous().numpy().T, vectors[nonzero].numpy().T, check_input=False)
         codes[nonzero] = torch.from_numpy(lasso.coef_.reshape(-1, len(atoms)))
@@ -177,7 +177,7 @@ def positive_lasso(atoms: Tensor, vectors: Tensor, sparsity: float) -> Tensor:
 
 def hog_windows(descriptor: Tensor) -> Tensor:
     """All windows of descriptors (B, rows, cols, channels): (B, rows - 4, cols - 4, 5, 5, channels), a view."""
-    return descriptor.unfold(1, CELLS, 1).unfold(2, CELLS, 1).permute(0, 1, 2, 4, 5, 3)
+    return descriptor.unfold(1, WINDOW_CELLS, 1).unfold(2, WINDOW_CELLS, 1).permute(0, 1, 2, 4, 5, 3)
 
 
 def unit(vectors: Tensor) -> Tensor:
@@ -192,7 +192,7 @@ def _gaussian(spec: HOGSpec) -> Tensor:
     sides = []
     for pixels, cell in zip(patch_size(spec), spec.cell_size, strict=True):
         offset = torch.arange(pixels) - (pixels - 1) / 2
-        side = torch.exp(-0.5 * (offset / (SIGMA * cell)) ** 2)
+        side = torch.exp(-0.5 * (offset / (PATCH_SIGMA * cell)) ** 2)
         sides.append(side / side.sum())
     return torch.outer(*sides)
 
@@ -203,13 +203,13 @@ def _average_patches(patches: Tensor, spec: HOGSpec) -> Tensor:
     Patches (B, rows, cols, pixels of one) lie one cell apart, so images have rows + 6 by cols + 6 cells.
     """
     rows, cols = patches.shape[1:3]
-    canvas = ((rows + PATCH - 1) * spec.cell_size[0], (cols + PATCH - 1) * spec.cell_size[1])
+    canvas = ((rows + PATCH_CELLS - 1) * spec.cell_size[0], (cols + PATCH_CELLS - 1) * spec.cell_size[1])
     columns, patch = patches.flatten(1, 2).mT, patch_size(spec)
     total = fold(columns, canvas, patch, stride=spec.cell_size)
     return total / fold(torch.ones_like(columns[:1]), canvas, patch, stride=spec.cell_size)
 
 
-def _stretched(image: Tensor) -> Tensor:
+def _stretch(image: Tensor) -> Tensor:
     """Images (B, 1, H, W), each with its darkest pixel at 0 and its brightest at 1; one without contrast is 0.5."""
     low, high = image.amin((2, 3), keepdim=True), image.amax((2, 3), keepdim=True)
     contrast = high - low

@@ -26,9 +26,9 @@ from ...hog.spec import HOGSpec
 from ...invert.prior.provenance import check_images, digest_of_images
 from ...runtime.extras import extra
 from .hoggles import (
-    CELLS,
-    MARGIN,
-    PATCH,
+    MARGIN_CELLS,
+    PATCH_CELLS,
+    WINDOW_CELLS,
     HogglesLearning,
     PairedDictionary,
     check_cells,
@@ -40,9 +40,9 @@ from .hoggles import (
 
 ATOMS = 1024
 SPARSITY = 0.02
-ITERATIONS = 1000
-BATCH = 400  # windows
-WINDOWS = 1_000_000
+LEARNING_STEPS = 1000
+STEP_WINDOWS = 400  # windows
+TRAINING_WINDOWS = 1_000_000
 SWEEPS = 10  # of coordinate descent for the codes of a batch; with 1,000 the objective is as low
 REPORTED = 100  # iterations between two reports of the objective
 
@@ -53,7 +53,7 @@ def learn_hoggles(
     *,
     atoms: int = ATOMS,
     sparsity: float = SPARSITY,
-    iterations: int = ITERATIONS,
+    iterations: int = LEARNING_STEPS,
     fast: bool = False,
     seed: int = 0,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
@@ -89,7 +89,7 @@ def learn_hoggles(
     rng = np.random.default_rng(seed)
     progress(0, iterations, "describing the images")
     pairs = _Pairs([images[name] for name in names], spec, rng)
-    dictionary = pairs.with_contrast(atoms, rng)
+    dictionary = pairs.draw_contrasted(atoms, rng)
     objective: list[float] = []
     if not fast:
         dictionary = dictionary / math.sqrt(2)
@@ -111,13 +111,13 @@ def learn_hoggles(
         seed=seed,
         windows=len(pairs),
         iterations=0 if fast else iterations,
-        batch=min(BATCH, len(pairs)),
+        batch=min(STEP_WINDOWS, len(pairs)),
         objective=tuple(objective),
     )
     return PairedDictionary(
         spec,
         dictionary[:, :pixels].reshape(atoms, *patch_size(spec)),
-        dictionary[:, pixels:].reshape(atoms, CELLS, CELLS, spec.channels),
+        dictionary[:, pixels:].reshape(atoms, WINDOW_CELLS, WINDOW_CELLS, spec.channels),
         sparsity,
         learning,
     )
@@ -130,7 +130,7 @@ def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
     return MiniBatchDictionaryLearning(
         len(atoms),
         alpha=sparsity,
-        batch_size=BATCH,
+        batch_size=STEP_WINDOWS,
         fit_algorithm="cd",
         transform_max_iter=SWEEPS,
         dict_init=atoms.numpy(),
@@ -154,7 +154,7 @@ class _Pairs:
         self.descriptors = [hog(image[None, None], spec) for image in images]
         self.grids = [self._grid(image) for image in images]
         self.ends = np.cumsum([rows * cols for rows, cols in self.grids])
-        self.order = rng.permutation(self.ends[-1])[:WINDOWS]
+        self.order = rng.permutation(self.ends[-1])[:TRAINING_WINDOWS]
 
     def __len__(self) -> int:
         return len(self.order)
@@ -162,30 +162,30 @@ class _Pairs:
     def _grid(self, image: Tensor) -> tuple[int, int]:
         """Rows and columns of the windows whose patch lies in an image."""
         sides = zip(image.shape, self.spec.cell_size, self.spec.grid(*image.shape), strict=True)
-        rows, cols = (min(pixels // cell, cells) - PATCH + 1 for pixels, cell, cells in sides)
+        rows, cols = (min(pixels // cell, cells) - PATCH_CELLS + 1 for pixels, cell, cells in sides)
         return rows, cols
 
     def batch(self, number: int) -> Tensor:
         """The windows of the batch ``number``, (N, n): patch and descriptor, each of length 1."""
-        size = min(BATCH, len(self))
-        return self._cut(self.order[np.arange(number * size, (number + 1) * size) % len(self)])
+        size = min(STEP_WINDOWS, len(self))
+        return self._cut_windows(self.order[np.arange(number * size, (number + 1) * size) % len(self)])
 
-    def with_contrast(self, count: int, rng: np.random.Generator) -> Tensor:
+    def draw_contrasted(self, count: int, rng: np.random.Generator) -> Tensor:
         """The first windows whose patch and descriptor are not flat, (count, n)."""
         chosen: list[Tensor] = []
         missing = count
-        for first in range(0, len(self), BATCH):
-            pairs = self._cut(self.order[first : first + BATCH])
+        for first in range(0, len(self), STEP_WINDOWS):
+            pairs = self._cut_windows(self.order[first : first + STEP_WINDOWS])
             chosen.append(pairs[pairs.square().sum(1) > 1.99][:missing])  # of two halves of length 1 or 0
             missing -= len(chosen[-1])
             if not missing:
                 return torch.cat(chosen)
         raise ValueError(
-            f"expected images with at least {count} windows of {CELLS}x{CELLS} cells that are not flat, got "
-            f"{count - missing} of {len(self)}"
+            f"expected images with at least {count} windows of {WINDOW_CELLS}x{WINDOW_CELLS} cells that are not flat, "
+            f"got {count - missing} of {len(self)}"
         )
 
-    def _cut(self, numbers: NDArray[np.int64]) -> Tensor:
+    def _cut_windows(self, numbers: NDArray[np.int64]) -> Tensor:
         """Windows by their indices; the first image comes first, row by row."""
         cell, (height, width) = self.spec.cell_size, patch_size(self.spec)
         patches, windows = [], []
@@ -195,6 +195,6 @@ class _Pairs:
             row, col = divmod(number - int(self.ends[which]) + rows * cols, cols)
             y, x = row * cell[0], col * cell[1]
             patches.append(self.images[which][y : y + height, x : x + width].flatten())
-            y, x = row + MARGIN, col + MARGIN
-            windows.append(self.descriptors[which][0, y : y + CELLS, x : x + CELLS].flatten())
+            y, x = row + MARGIN_CELLS, col + MARGIN_CELLS
+            windows.append(self.descriptors[which][0, y : y + WINDOW_CELLS, x : x + WINDOW_CELLS].flatten())
         return torch.cat([unit(torch.stack(patches)), unit(torch.stack(windows))], dim=1)
