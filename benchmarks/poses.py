@@ -28,7 +28,7 @@ import torch
 from nablahog import PoseEstimate, estimate_pose
 from nablahog.hog.box import Box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
-from nablahog.metrics import VIEWS, azimuth_error, rotation_error, same_view
+from nablahog.metrics import VIEW_COUNTS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import render_examples
 from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
@@ -115,7 +115,7 @@ def row(name: str, examples: list[Example], choices: dict[str, Any]) -> list[str
     first = timed(examples, choices)[1]
     results, seconds = timed(examples, choices)
     pairs = [(result.azimuth, example.azimuth) for result, example in zip(results, examples, strict=True)]
-    shares = [np.mean([bool(same_view(*pair, views)) for pair in pairs]) for views in VIEWS]
+    shares = [np.mean([bool(same_view(*pair, views)) for pair in pairs]) for views in VIEW_COUNTS]
     errors = [float(azimuth_error(*pair)) for pair in pairs]
     shares.append(np.mean([error <= WITHIN for error in errors]))
     renderings = np.median([result.renderings for result in results])
@@ -203,7 +203,7 @@ def main() -> None:
     for condition in options.conditions:
         examples = objects_of(options, condition)
         rows += [row(f"{condition} {method}".strip(), examples, {"method": method}) for method in options.methods]
-    views = [f"{count} views" for count in VIEWS]
+    views = [f"{count} views" for count in VIEW_COUNTS]
     figures = ["median error", "renderings", "CPU s", "first pass"]
     print(table(["search", *views, f"within {WITHIN:g}°", *figures], rows))
 

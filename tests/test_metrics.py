@@ -14,7 +14,7 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from nablahog.metrics import (
-    VIEWS,
+    VIEW_COUNTS,
     azimuth_error,
     cross_correlation,
     mutual_information,
@@ -121,7 +121,7 @@ def test_wrong_images(measure: object) -> None:
 
 # quarters of degrees: sums of them are exact, and edges of all divisions are among them
 AZIMUTHS = st.integers(-4 * 1080, 4 * 1080).map(lambda quarters: quarters / 4)
-DIVISIONS = st.sampled_from(VIEWS)
+DIVISIONS = st.sampled_from(VIEW_COUNTS)
 
 
 def _published(azimuth: float, views: int) -> int:

@@ -32,8 +32,8 @@ __all__ = [
 
 Image: TypeAlias = Tensor | ArrayLike
 GRAY_BINS = 256
-WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
-VIEWS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
+SSIM_WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
+VIEW_COUNTS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -49,24 +49,24 @@ DEFINITIONS = {
 """A sentence for each measure."""
 
 
-def _pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _read_pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if np.ma.is_masked(a) or np.ma.is_masked(b):
         raise ValueError("expected images without masked pixels, got an array that masks some")
-    first, second = _values(a), _values(b)
+    first, second = _read_values(a), _read_values(b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
         hint = ": write image[0, 0] for each image of a batch" if 4 in (first.ndim, second.ndim) else ""
         raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}{hint}")
-    return _clipped(first), _clipped(second)
+    return _clip(first), _clip(second)
 
 
-def _clipped(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _clip(image: NDArray[np.float64]) -> NDArray[np.float64]:
     # float32 sums of the gray weights may pass 1 by a rounding
     if not (image.min() >= -1e-6 and image.max() <= 1 + 1e-6):
         raise ValueError(f"expected images in 0…1, got values in {image.min():g} … {image.max():g}")
     return image.clip(0, 1)
 
 
-def _values(image: Image) -> NDArray[np.float64]:
+def _read_values(image: Image) -> NDArray[np.float64]:
     values = image.detach().cpu().numpy() if isinstance(image, Tensor) else np.asarray(image)
     return values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64)
 
@@ -88,7 +88,7 @@ def cross_correlation(a: Image, b: Image) -> float:
     >>> [round(nablahog.metrics.cross_correlation(image, other), 6) for other in (image, negative)]
     [1.0, -1.0]
     """
-    first, second = _pair(a, b)
+    first, second = _read_pair(a, b)
     if np.ptp(first) == 0 or np.ptp(second) == 0:  # differences from a rounded mean would be noise, not 0
         return 0.0
     first, second = first - first.mean(), second - second.mean()
@@ -118,7 +118,7 @@ def mutual_information(a: Image, b: Image, bins: int = GRAY_BINS) -> float:
     >>> nablahog.metrics.mutual_information(image, image, bins=2)
     1.0
     """
-    first, second = _pair(a, b)
+    first, second = _read_pair(a, b)
     joint, _, _ = np.histogram2d(first.ravel(), second.ravel(), bins=bins, range=((0, 1), (0, 1)))
     shares = (counts[counts > 0] / counts.sum() for counts in (joint.sum(1), joint.sum(0), joint))
     entropy_a, entropy_b, entropy_ab = (float(-(p * np.log2(p)).sum()) for p in shares)
@@ -147,12 +147,12 @@ def ssim(a: Image, b: Image) -> float:
     >>> nablahog.metrics.ssim(image, image)
     1.0
     """
-    first, second = _pair(a, b)
-    if min(first.shape) < WINDOW:
+    first, second = _read_pair(a, b)
+    if min(first.shape) < SSIM_WINDOW:
         return float("nan")
     x, y = (torch.from_numpy(image)[None, None] for image in (first, second))
     mean_x, mean_y = _window_means(x), _window_means(y)
-    unbiased = WINDOW**2 / (WINDOW**2 - 1)
+    unbiased = SSIM_WINDOW**2 / (SSIM_WINDOW**2 - 1)
     variances = unbiased * (_window_means(x * x) - mean_x**2 + _window_means(y * y) - mean_y**2)
     covariance = unbiased * (_window_means(x * y) - mean_x * mean_y)
     brightness = (2 * mean_x * mean_y + K1**2) / (mean_x**2 + mean_y**2 + K1**2)
@@ -162,7 +162,7 @@ def ssim(a: Image, b: Image) -> float:
 
 def _window_means(image: Tensor) -> Tensor:
     """The mean of each window inside an image (1, 1, H, W)."""
-    return avg_pool2d(image, WINDOW, stride=1)
+    return avg_pool2d(image, SSIM_WINDOW, stride=1)
 
 
 def psnr(a: Image, b: Image) -> float:
@@ -183,7 +183,7 @@ def psnr(a: Image, b: Image) -> float:
     >>> nablahog.metrics.psnr(image, image)
     inf
     """
-    first, second = _pair(a, b)
+    first, second = _read_pair(a, b)
     error = float(np.square(first - second).mean())
     return 10 * math.log10(1 / error) if error > 0 else math.inf
 
@@ -207,7 +207,7 @@ def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
     >>> nablahog.metrics.azimuth_error([350, 90], 10).tolist()
     [20.0, 80.0]
     """
-    difference = np.mod(_finite(estimate) - _finite(truth), 360)
+    difference = np.mod(_read_angles(estimate) - _read_angles(truth), 360)
     error: NDArray[np.float64] = np.minimum(difference, 360 - difference)
     return error
 
@@ -232,7 +232,7 @@ def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
     [0, 0, 1, 0]
     """
     edges = (np.arange(views) + 0.5) * (360 / views)
-    turned = np.mod(_finite(azimuth), 360)
+    turned = np.mod(_read_angles(azimuth), 360)
     return np.where(turned > edges[-1], 0, np.searchsorted(edges[:-1], turned, side="right"))
 
 
@@ -306,7 +306,7 @@ def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]
 
 def _rotations(angles: ArrayLike) -> NDArray[np.float64]:
     """From the object's frame to the camera's, (…, 3, 3): its rows are the camera's axes right, down and forward."""
-    degrees = _finite(angles)
+    degrees = _read_angles(angles)
     if degrees.shape[-1:] != (3,):
         raise ValueError(f"expected azimuth, elevation and theta along the last axis, got shape {degrees.shape}")
     azimuth, elevation, theta = np.moveaxis(np.radians(degrees), -1, 0)
@@ -318,7 +318,7 @@ def _rotations(angles: ArrayLike) -> NDArray[np.float64]:
     return np.stack([ct * right + st * down, ct * down - st * right, forward], axis=-2)
 
 
-def _finite(angle: ArrayLike) -> NDArray[np.float64]:
+def _read_angles(angle: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(angle, dtype=np.float64)
     if not np.isfinite(values).all():
         raise ValueError("expected angles in degrees, got NaN or infinity")

@@ -62,7 +62,7 @@ every_dialect = pytest.mark.parametrize("spec", [*SIGNED.values(), *UNSIGNED.val
 def cells(image: Tensor, spec: HOGSpec) -> Tensor:
     """What the network is given for an image."""
     searched, size = linear_vote_spec(spec), (image.shape[2], image.shape[3])
-    return network_class(spec).cell_votes(histograms(image, searched), searched, size)
+    return network_class(spec).rebin(histograms(image, searched), searched, size)
 
 
 # --- the inputs of networks
@@ -81,7 +81,7 @@ def test_all_dialects_look_alike(spec: HOGSpec) -> None:
 def test_votes_on_centres_are_kept_and_mirrored_with_the_image(spec: HOGSpec) -> None:
     image = photograph(128)
     assert torch.equal(cells(image, spec), histograms(image, spec))
-    mirrored = network_class(spec).mirrored(cells(image, spec))
+    mirrored = network_class(spec).mirror(cells(image, spec))
     assert_close(cells(image.flip(3), spec), mirrored, atol=0.1, rtol=1e-3)
 
 

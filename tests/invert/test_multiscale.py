@@ -14,7 +14,7 @@ from torch.nn.functional import avg_pool2d
 from nablahog import HOGSpec, hog, presets
 from nablahog.invert import Level, Objective, Search, multiscale, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.multiscale import SCALES, level_spec
-from nablahog.invert.signs import negated, negatives
+from nablahog.invert.signs import find_negatives, negate
 
 from .photographs import correlation, photograph
 
@@ -183,12 +183,12 @@ def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPa
             each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None)
         ]
         with monkeypatch.context() as context:
-            context.setattr(multiscale, "negatives", lambda image, confidence: (torch.tensor([False]), confidence))
+            context.setattr(multiscale, "find_negatives", lambda image, confidence: (torch.tensor([False]), confidence))
             images = [
                 each.reconstruction.image for each in reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None)
             ]
-        turned = negatives(images[-1])[0]
-        assert all(torch.equal(b, negated(a, turned)) for a, b in zip(images, chosen, strict=True))
+        turned = find_negatives(images[-1])[0]
+        assert all(torch.equal(b, negate(a, turned)) for a, b in zip(images, chosen, strict=True))
 
 
 def test_closeness_keeps_levels_together() -> None:

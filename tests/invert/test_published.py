@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Objective, Search, default_prior, scale_descriptors
-from nablahog.invert.published import DIAGONAL, PublishedObjective
+from nablahog.invert.published import DIAGONAL_SHARE, PublishedObjective
 
 from .photographs import photograph
 
@@ -81,7 +81,7 @@ def test_the_preconditioner_is_the_laplacian_plus_a_share_of_the_diagonal() -> N
         of_hog = seen[: -len(neighbours)].square().sum() / pixels  # the mean diagonal, which one probe estimates
         rest = (at[row] - neighbours.T @ (neighbours @ inverse[row])) / inverse[row]
         assert float(rest.std() / rest.mean().abs()) < 1e-3
-        assert 0.3 < float(rest.mean()) / (DIAGONAL * float(of_hog)) < 3
+        assert 0.3 < float(rest.mean()) / (DIAGONAL_SHARE * float(of_hog)) < 3
 
 
 def test_finds_an_image_from_noise_and_keeps_the_iterates() -> None:

@@ -23,7 +23,7 @@ from nablahog.invert.arguments import find_quality
 from nablahog.invert.histograms import match_contrast, recover_histograms
 from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.prior.terms import GrayRange
-from nablahog.invert.signs import negated, negatives
+from nablahog.invert.signs import find_negatives, negate
 from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation
 
@@ -181,7 +181,7 @@ def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> Non
         image = reconstruct(
             hog(photograph(32, name), PAPER), PAPER, search=Search(max_evaluations=30), prior=None
         ).image
-        assert torch.equal(image, negated(image, negatives(image)[0]))
+        assert torch.equal(image, negate(image, find_negatives(image)[0]))
     for name in ("signed-global", "paper"):  # a signed descriptor knows
         results = [
             reconstruct(hog(each, SPECS[name]), SPECS[name], search=Search(max_evaluations=60), prior=None).image

@@ -24,8 +24,8 @@ from nablahog.invert.signs import (
     brightness_cues,
     dominant_gradient,
     expected_cells,
-    negated,
-    negatives,
+    find_negatives,
+    negate,
     signed_cells,
 )
 
@@ -229,17 +229,17 @@ def test_every_cue_changes_its_sign_with_the_image(height: int, width: int, seed
 def test_the_weighted_cues_decide_for_each_image_of_a_batch() -> None:
     images = torch.cat([photograph(64, name) for name in ("camera", "coins", "coffee", "astronaut", "page", "moon")])
     images = torch.cat([images, 1 - images])
-    which, confidence = negatives(images)
+    which, confidence = find_negatives(images)
     assert confidence is None
     assert torch.equal(which, (brightness_cues(images) * torch.tensor(WEIGHTS)).sum(dim=1) < 0)
     assert torch.equal(which[:6], ~which[6:])
-    made = negated(images, which)
+    made = negate(images, which)
     torch.testing.assert_close(made[:6], made[6:])
     assert all(torch.equal(a, 1 - b if turned else b) for a, b, turned in zip(made, images, which, strict=True))
 
 
 def test_the_confidence_of_a_prior_decides_alone() -> None:
-    which, confidence = negatives(torch.cat([sky(), sky()]), torch.tensor([0.2, 0.7]))
+    which, confidence = find_negatives(torch.cat([sky(), sky()]), torch.tensor([0.2, 0.7]))
     assert which.tolist() == [True, False]
     torch.testing.assert_close(confidence, torch.tensor([0.8, 0.7]))
 
@@ -254,7 +254,7 @@ def test_what_is_flat_is_bright_exactly_or_nearly() -> None:
         exactly_flat, flat, _, _ = brightness_cues(image)[0]
         assert (exactly_flat > 0.7) if exactly else (exactly_flat == 0)
         assert flat > 0.7
-        assert negatives(torch.cat([image, 1 - image]))[0].tolist() == [False, True]
+        assert find_negatives(torch.cat([image, 1 - image]))[0].tolist() == [False, True]
 
 
 def test_contrast_is_stronger_in_the_light_and_highlights_are_small_and_bright() -> None:

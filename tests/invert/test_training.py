@@ -225,7 +225,9 @@ def test_images_of_large_folders_are_drawn_less_often_each_and_large_images_more
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """81 dark images in a folder, 9 bright ones of four times their side in another: two windows in five are bright."""
-    monkeypatch.setattr(SignedTraining, "_votes", lambda self, windows, spec: torch.zeros(len(windows), 18, 4, 4))
+    monkeypatch.setattr(
+        SignedTraining, "_compute_histograms", lambda self, windows, spec: torch.zeros(len(windows), 18, 4, 4)
+    )
     monkeypatch.setattr(SignedTraining, "grids", [(4, 4)])
     grays = {
         f"{'dark' if k < 81 else 'bright'}/{k}": torch.full((32, 32) if k < 81 else (128, 128), float(k >= 81))
@@ -263,10 +265,10 @@ def test_histograms_of_signed_dialects_come_with_the_windows(
 
 
 def test_windows_turned_by_nothing_stay_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("TURNED", 1.0), ("TURN", 0.0), ("STRETCH", 0.0)):
+    for name, value in (("TURNED_SHARE", 1.0), ("MAX_TURN", 0.0), ("MAX_STRETCH", 0.0)):
         monkeypatch.setattr(training_windows, name, value)
     windows = torch.rand(3, 1, 16, 24, generator=torch.Generator().manual_seed(0))
-    assert_close(training_windows._turned(windows, random.Random(0)), windows, atol=1e-4, rtol=0)
+    assert_close(training_windows._turn(windows, random.Random(0)), windows, atol=1e-4, rtol=0)
 
 
 def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:

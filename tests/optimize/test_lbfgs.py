@@ -68,7 +68,7 @@ both = pytest.mark.parametrize("kind", [Vectors, pytest.param(NativeVectors, mar
 def test_the_direction_is_that_of_the_two_loops(kind: type[Vectors], n: int) -> None:
     # the recursion on the vectors themselves, Nocedal & Wright, algorithm 7.4
     gradient, x, pairs = starts(1, n), starts(1, n), []
-    vectors, state = kind(x, gradient, 3, 1.0), SearchState.at_start(np.zeros(1), 3)
+    vectors, state = kind(x, gradient, 3, 1.0), SearchState.from_values(np.zeros(1), 3)
     for seed in range(1, 8):
         s = starts(1, n, seed)
         y = s * torch.linspace(0.5, 3, n) + 0.1 * starts(1, n, seed + 100)
@@ -140,7 +140,7 @@ def wolfe(value: float, slope: float, trial: float, step: float, low: float, hig
 def test_decisions(memory: int) -> None:
     """Random states of line searches: bracketed or not, without pairs or with some; NaN."""
     batch, rng = 400, np.random.default_rng(memory)
-    state, dots = SearchState.at_start(rng.normal(size=batch), memory), rng.normal(size=(batch, 2 * memory + 4))
+    state, dots = SearchState.from_values(rng.normal(size=batch), memory), rng.normal(size=(batch, 2 * memory + 4))
     for _ in range(3):
         state, _ = decide(state, np.ones(batch, bool), np.full(batch, -9.0), state.values - 20, dots)
         dots = rng.normal(size=dots.shape)

@@ -16,7 +16,7 @@ from ..hog.spec import HOGSpec
 from ..invert import Iterate, Reconstruction, reconstruct
 from ..invert.arguments import find_quality
 from ..invert.histograms import linear_vote_spec, recover_histograms, starting_images
-from ..invert.reconstruction import at_start
+from ..invert.reconstruction import make_first_iterate
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from .lines import for_inversion
@@ -81,7 +81,7 @@ def _searched(
 ) -> Reconstruction:
     start = None if request.start is None else _start(store, request.start, size)
     if start is None and linear_vote_spec(spec).signed:
-        watch(at_start(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
+        watch(make_first_iterate(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
     try:
         prior = request.priors_for(spec)
     except FileNotFoundError:  # the package was installed without its priors, as the page says

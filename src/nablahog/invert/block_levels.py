@@ -18,7 +18,7 @@ from .unknowns import from_cosines, to_cosines
 
 BLOCK_ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
 NEWTON_STEPS = 5  # of Newton's method
-ITERATIONS, ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
+LEVEL_ITERATIONS, LEVEL_ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
 LEAST_ENTRY = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
 TINY_RATIO = 1e-6
 
@@ -41,18 +41,18 @@ def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
     shares = summed.unsqueeze(1)  # (B, 1, n, rows, cols), of the cell's level
     for _ in range(BLOCK_ROUNDS):
         shares = shares / shares.sum(dim=2, keepdim=True).clamp(min=TINY_RATIO)
-        ratios, known = _unclipped(shares, totals, normalizer.clip, dim=2)  # h / N by block: (B, 4, 1, rows, cols)
-        shares, _ = _unclipped(ratios, 2 * summed.unsqueeze(1), normalizer.clip, dim=1)
+        ratios, known = _solve_clipped(shares, totals, normalizer.clip, dim=2)  # h / N by block: (B, 4, 1, rows, cols)
+        shares, _ = _solve_clipped(ratios, 2 * summed.unsqueeze(1), normalizer.clip, dim=1)
     if "directed" in parts and vlfeat:
-        shares, _ = _unclipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
+        shares, _ = _solve_clipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
     known &= totals > TINY_RATIO
-    levels = _levels(ratios.double().clamp(min=TINY_RATIO).log().squeeze(2), known.squeeze(2).double())
+    levels = _solve_levels(ratios.double().clamp(min=TINY_RATIO).log().squeeze(2), known.squeeze(2).double())
     shares = shares.squeeze(1)
     floor = LEAST_ENTRY * shares.amax(dim=1, keepdim=True)
     return shares.clamp(min=floor) * torch.exp(levels).to(shares)
 
 
-def _unclipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[Tensor, Tensor]:
+def _solve_clipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[Tensor, Tensor]:
     """x with Σ min(weights · x, clip) = totals over a dimension, and where it is determined.
 
     The sum is concave and piecewise linear in x, so Newton's method reaches x from below, from 0.
@@ -66,7 +66,7 @@ def _unclipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[
     return x, slopes > TINY_RATIO
 
 
-def _levels(ratios: Tensor, known: Tensor) -> Tensor:
+def _solve_levels(ratios: Tensor, known: Tensor) -> Tensor:
     """Logarithms of levels (B, 1, rows, cols), of mean 0, from those of ratios (B, 4, rows, cols) to blocks.
 
     Least squares, where ``known`` is 1, over the levels of cells and of blocks.  Those of blocks are means, which
@@ -86,8 +86,8 @@ def _levels(ratios: Tensor, known: Tensor) -> Tensor:
     levels, residual = torch.zeros_like(ratios[:, :1]), apart(ratios)
     direction = solved = from_cosines(to_cosines(residual) / spectrum)
     first = error = (residual * solved).sum(dim=(1, 2, 3), keepdim=True)
-    for _ in range(ITERATIONS):  # preconditioned conjugate gradients
-        runs, image = error > ACCURACY * first, apart(direction.expand_as(ratios))
+    for _ in range(LEVEL_ITERATIONS):  # preconditioned conjugate gradients
+        runs, image = error > LEVEL_ACCURACY * first, apart(direction.expand_as(ratios))
         curvature = (direction * image).sum(dim=(1, 2, 3), keepdim=True)
         step = torch.where(runs, error / curvature, 0)
         levels, residual = levels + step * direction, residual - step * image

@@ -35,7 +35,7 @@ from .unknowns import CosineBasis, from_cosines, to_cosines
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 AFTER_CLOSED_FORM = 60  # evaluations, which suffice after a start in closed form
 _MAX_VOTE_RATIO = 20.0  # times the largest vote of a cell at the start, the most that the search may come to
-FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
+ENTRY_FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
 
 
 def linear_vote_spec(spec: HOGSpec) -> HOGSpec:
@@ -122,7 +122,7 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
         max_evaluations = min(max_evaluations, AFTER_CLOSED_FORM)
         start = torch.log(alignment(of_nearest_cells(begun, spec, size)).clamp(min=tiny))
     else:
-        start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + FLOOR)
+        start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + ENTRY_FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MAX_VOTE_RATIO)  # else clipped cells run away
     scale = squared_norm(target)

@@ -37,13 +37,13 @@ from .histograms import enlarge, linear_vote_spec, recover_histograms, starting_
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, Priors, as_priors
 from .prior.terms import CoarserDescriptor
-from .published import reconstruct_as_published, smoothness_for
+from .published import choose_smoothness, reconstruct_as_published
 from .reconstruction import Reconstruction, Values, convert_like, relative_distance
-from .signs import negated, negatives
+from .signs import find_negatives, negate
 
 SCALES = (64, 16, 4, 1)
 COARSER_WEIGHT = 0.1  # of the distance at each coarser scale, relative to that at the level's own
-BEFORE_THE_LAST = 120  # most evaluations of an image at each level before the last
+COARSE_EVALUATIONS = 120  # most evaluations of an image at each level before the last
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def reconstruct_multiscale(
     published = as_published(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
-    plan = _plan_levels(targets, same_descriptor, spec, image_size, scales, search, published)
+    plan = _choose_level_settings(targets, same_descriptor, spec, image_size, scales, search, published)
     of_package = published is None and search.samples is None
     learned, start, expected = as_priors(prior, spec, by_default=of_package), None, None
     if same_descriptor and published is None:
@@ -189,7 +189,7 @@ def reconstruct_multiscale(
                 expected=expected,
                 learned=learned if step is plan[-1] else None,
                 search=step.search,
-                objective=objective if same_descriptor else _with_coarser(objective, plan[:number], step),
+                objective=objective if same_descriptor else _add_coarser(objective, plan[:number], step),
                 fix_polarity=False,
                 progress=report,
             )
@@ -215,7 +215,7 @@ class _LevelSettings:
     most: int  # evaluations, or iterations of the paper's search
 
 
-def _plan_levels(
+def _choose_level_settings(
     descriptors: Sequence[Tensor],
     same_descriptor: bool,
     spec: HOGSpec,
@@ -243,12 +243,12 @@ def _plan_levels(
         contrast = scale**0.25 if spec.normalizer.fixes_contrast else 1.0
         target = descriptor.detach() / contrast if same_descriptor and contrast != 1 else descriptor.detach()
         last = len(steps) + 1 == len(scales)
-        budget = most if last else min(BEFORE_THE_LAST, max(2, most // 4))
+        budget = most if last else min(COARSE_EVALUATIONS, max(2, most // 4))
         few, own = None, replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
         if published is not None:
             budget = published.iterations if last else max(1, published.iterations // 4)
             # with ξ scaled like the descriptor, the smoothness has the same share as at full size
-            few = replace(published, iterations=budget, smoothness=smoothness_for(published, spec) / contrast)
+            few = replace(published, iterations=budget, smoothness=choose_smoothness(published, spec) / contrast)
         steps.append(_LevelSettings(scale, small, small_size, target, few, own, budget))
     return steps
 
@@ -261,7 +261,7 @@ def _report(
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 
-def _with_coarser(objective: Objective, before: Sequence[_LevelSettings], step: _LevelSettings) -> Objective:
+def _add_coarser(objective: Objective, before: Sequence[_LevelSettings], step: _LevelSettings) -> Objective:
     """``objective``, and that the image, shrunk, has the descriptors of the levels ``before``."""
     priors = [
         CoarserDescriptor(COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), step.size[0] // small.size[0])
@@ -273,10 +273,10 @@ def _with_coarser(objective: Objective, before: Sequence[_LevelSettings], step: 
 def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:
     """Each image or its negative: the last level, which shows most, decides for all."""
     last = levels[-1].reconstruction
-    negative, confidence = negatives(last.image, last.polarity_confidence)
+    negative, confidence = find_negatives(last.image, last.polarity_confidence)
     fixed = []
     for level, descriptor in zip(levels, descriptors, strict=True):
-        image = negated(level.reconstruction.image, negative)
+        image = negate(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
         result = replace(level.reconstruction, image=image, distance=distance, polarity_confidence=confidence)
         fixed.append(replace(level, reconstruction=result))
@@ -293,6 +293,6 @@ def _first_images(
     first, last = plan[0], plan[-1]
     factor = last.size[0] // first.size[0]
     if learned is not None and not spec.signed:
-        return None, avg_pool2d(learned.own.expected(last.descriptor, spec, last.size), factor)
+        return None, avg_pool2d(learned.prior.expected(last.descriptor, spec, last.size), factor)
     starts = starting_images(recover_histograms(last.descriptor, spec, last.size), spec, *last.size, 1, seed)
     return avg_pool2d(starts[:, 0], factor), None

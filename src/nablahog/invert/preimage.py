@@ -42,24 +42,34 @@ from .histograms import (
 from .prior.learned import LearnedPrior, PriorChoice, Priors, as_priors
 from .prior.terms import GrayRange, Prior, RelativeSmoothness
 from .published import reconstruct_as_published
-from .reconstruction import Reconstruction, Watch, at_start, convert_like, parts, reconstruction_of, to_unit_range
+from .reconstruction import (
+    Reconstruction,
+    Watch,
+    build_reconstruction,
+    convert_like,
+    make_first_iterate,
+    split_batch,
+    to_unit_range,
+)
 from .search import PreimageSearch
-from .signs import negated, negatives
+from .signs import find_negatives, negate
 from .unknowns import low_pass
 
 SHARE_OF_SAMPLES = 0.7  # of the evaluations; the others match the descriptor itself
 LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
 RANGE_WEIGHT = 100.0  # of the mean squared excess of gray values over 0…1
-SPREAD = 0.3  # standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
-ENOUGH = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
+# standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
+SAMPLE_SPREAD = 0.3
+SPREAD_EVALUATIONS = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
 AGREEMENT_SIGMA = 0.9  # pixels: the samples agree on coarser structures only
-CLOSENESS, UNCERTAIN = 1.0, 0.1  # λ by default, and for the image expected for an unsigned descriptor, before details
-BY_PRIOR = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
-BEFORE_DETAILS = 0.3  # share of evaluations for an unsigned descriptor before a second prior adds details
-MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
+CLOSENESS = 1.0  # λ by default
+UNSIGNED_CLOSENESS = 0.1  # λ for the image expected for an unsigned descriptor, before details
+PRIOR_CLOSENESS = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
+SHARE_BEFORE_DETAILS = 0.3  # share of evaluations for an unsigned descriptor before a second prior adds details
+BATCH_MEMORY = 2**29  # bytes, about, that a part of a batch takes on a CPU
 BATCH_MEMORY_SHARE = 0.4  # of a GPU's free memory, instead
-VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
-GRAPH = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
+SEARCH_VECTORS = 32  # of unknowns that the search of one image holds at most, all copies included; measured
+GRAPH_VECTORS = 256  # the same for the graph that a dogleg keeps on a GPU, where more is searched at once; an estimate
 
 
 @in_plain_mode
@@ -199,11 +209,11 @@ def search_preimages(
     draws = expected is None and learned is None and (spec.signed or start is not None)
     settings = _choose_settings(spec, quality, seed, search, objective, draws, learned)
     on_histograms = find_quality(quality).on_histograms
-    vectors = VECTORS + GRAPH * (search.minimiser == "dogleg" and targets.device.type != "cpu")
+    vectors = SEARCH_VECTORS + GRAPH_VECTORS * (search.minimiser == "dogleg" and targets.device.type != "cpu")
     bytes_per_image = settings.samples * vectors * size[0] * size[1] * targets.element_size()
-    at_once = max(1, memory_for(targets.device, MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
+    at_once = max(1, memory_for(targets.device, BATCH_MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
     searches, images, confidences = [], [], []
-    for part, report in parts(len(targets), at_once, progress):
+    for part, report in split_batch(len(targets), at_once, progress):
         own = [prior.select(part) for prior in settings.priors]
         budget = settings.max_evaluations
         image_search = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
@@ -211,19 +221,19 @@ def search_preimages(
         own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
         votes = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
         if learned is not None and own_expected is None:
-            own_expected = learned.own.expected(targets[part], dialect, size, votes)
+            own_expected = learned.prior.expected(targets[part], dialect, size, votes)
             if watch is not None:
-                watch(at_start(own_expected, targets[part], dialect, part))
+                watch(make_first_iterate(own_expected, targets[part], dialect, part))
         images.append(to_unit_range(_preimages(image_search, votes, own_start, own_expected, settings), spec))
         if learned is not None and not spec.signed:
-            confidences.append(learned.own.polarity_confidence(images[-1], targets[part], dialect, votes))
+            confidences.append(learned.prior.polarity_confidence(images[-1], targets[part], dialect, votes))
     image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
     if fix_polarity and not spec.signed:
-        negative, confidence = negatives(image, confidence)
-        image = negated(image, negative)
+        negative, confidence = find_negatives(image, confidence)
+        image = negate(image, negative)
     if dialect.gamma == "sqrt":
         image = image.square()
-    return replace(reconstruction_of(image, targets, dialect, searches), polarity_confidence=confidence)
+    return replace(build_reconstruction(image, targets, dialect, searches), polarity_confidence=confidence)
 
 
 class _SearchSettings(NamedTuple):
@@ -251,8 +261,8 @@ def _choose_settings(
     samples = (search.samples or effort.samples) if draws else 1
     alone = effort.with_prior if learned is not None and spec.signed else effort.without_samples
     most = search.max_evaluations or (effort.evaluations if samples > 1 else alone)
-    of_signed = CLOSENESS if learned is None else BY_PRIOR
-    closeness, to_details = of_signed if spec.signed else UNCERTAIN, CLOSENESS
+    of_signed = CLOSENESS if learned is None else PRIOR_CLOSENESS
+    closeness, to_details = of_signed if spec.signed else UNSIGNED_CLOSENESS, CLOSENESS
     if objective.closeness is not None:
         closeness = to_details = objective.closeness
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
@@ -269,12 +279,12 @@ def _preimages(
     if expected is None and start is None and not spec.signed:
         expected = starting_images(votes, spec, *search.size, 1, settings.seed)[:, 0]
     if expected is None:
-        start, expected = _mean_of_samples(search, votes, start, settings)
+        start, expected = _average_samples(search, votes, start, settings)
     else:
         start, expected = start_near(votes, spec, start, expected, settings.seed)
     if details is None:
         return search.match_descriptor(start, expected, settings.closeness)
-    budget = max(1, round(BEFORE_DETAILS * search.remaining_evaluations()))
+    budget = max(1, round(SHARE_BEFORE_DETAILS * search.remaining_evaluations()))
     image = search.match_descriptor(start, expected, settings.closeness, budget)
     directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
     signed = hog(to_unit_range(image, directed), directed)
@@ -282,14 +292,14 @@ def _preimages(
     return search.match_descriptor(expected, expected, settings.closeness_to_details)
 
 
-def _mean_of_samples(
+def _average_samples(
     search: PreimageSearch, votes: Tensor, start: Tensor | None, settings: _SearchSettings
 ) -> tuple[Tensor, Tensor | None]:
     """Start and expected image: the mean of samples with the histograms ``votes``; a single one is only a start."""
     spec, size = search.spec, search.size
     evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
     count = max(1, min(settings.samples, evaluations // LEAST_EVALUATIONS))
-    spread = START_NOISE if count == 1 else SPREAD * min(1, evaluations // count / ENOUGH)
+    spread = START_NOISE if count == 1 else SAMPLE_SPREAD * min(1, evaluations // count / SPREAD_EVALUATIONS)
     if start is None:
         starts = starting_images(votes, spec, *size, count, settings.seed, spread)
     else:

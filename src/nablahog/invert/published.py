@@ -25,25 +25,26 @@ from ..runtime.pytorch import memory_for
 from .arguments import AsPublished
 from .histograms import linear_vote_spec, noise
 from .prior.terms import differences
-from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, parts, reconstruction_of
+from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, build_reconstruction, split_batch
 from .unknowns import from_cosines, to_cosines
 
-SMOOTHNESS, NOISE = 100.0, 1e-4  # ξ, and the standard deviation of the start, where the descriptor leaves the contrast
-# open: with so little noise the smoothness of the start weighs as much as its distance
-OF_FIXED_CONTRAST = 0.3, 1e-2  # the same where the descriptor fixes it
+# ξ and the standard deviation of the start where the descriptor leaves the contrast open: with so little noise the
+# smoothness of the start weighs as much as its distance
+PUBLISHED_SMOOTHNESS, PUBLISHED_NOISE = 100.0, 1e-4
+FIXED_CONTRAST_SMOOTHNESS, FIXED_CONTRAST_NOISE = 0.3, 1e-2  # the same where the descriptor fixes it
 CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, most iterations
 TRIALS = 50  # evaluations of an iteration besides the products of its step: far more than needed
 PIXELS_AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
 NUMBERS_PER_PIXEL = 128  # held per pixel in a search, for vectors, their images and the graph; an estimate
 SEARCH_MEMORY_SHARE = 0.5  # of a GPU's free memory for searches
-DIAGONAL = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
+DIAGONAL_SHARE = 1e-5  # of the mean diagonal of JᵀJ, which stands for HOG in the preconditioner
 
 
-def smoothness_for(options: AsPublished, spec: HOGSpec) -> float:
+def choose_smoothness(options: AsPublished, spec: HOGSpec) -> float:
     """ξ, or its default for descriptors of ``spec``."""
     if options.smoothness is not None:
         return options.smoothness
-    return OF_FIXED_CONTRAST[0] if spec.normalizer.fixes_contrast else SMOOTHNESS
+    return FIXED_CONTRAST_SMOOTHNESS if spec.normalizer.fixes_contrast else PUBLISHED_SMOOTHNESS
 
 
 def reconstruct_as_published(
@@ -64,14 +65,14 @@ def reconstruct_as_published(
     """
     began = time.perf_counter()
     batch, height, width = len(descriptor), *size
-    spread = OF_FIXED_CONTRAST[1] if spec.normalizer.fixes_contrast else NOISE
+    spread = FIXED_CONTRAST_NOISE if spec.normalizer.fixes_contrast else PUBLISHED_NOISE
     grain = noise(descriptor, height, width, 1, seed, spread)[0]
-    first = grain.expand(batch, -1, -1, -1) if start is None else _centred(start, grain, spec)
+    first = grain.expand(batch, -1, -1, -1) if start is None else _centre(start, grain, spec)
     pixel = NUMBERS_PER_PIXEL * descriptor.element_size()
     memory = memory_for(descriptor.device, PIXELS_AT_ONCE * pixel, SEARCH_MEMORY_SHARE)
     at_once = max(1, memory // (pixel * height * width))
     searches = []
-    for part, report in parts(batch, at_once, progress):
+    for part, report in split_batch(batch, at_once, progress):
         searches.append(_Search(descriptor[part], spec, size, options, watch, part))
         searches[-1].run(first[part], report)
     image = as_returned(torch.cat([search.image for search in searches]), spec)
@@ -80,11 +81,11 @@ def reconstruct_as_published(
         kept = torch.cat([search.iterates.flatten(0, 1) for search in searches])
         iterates = as_returned(kept, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
     return replace(
-        reconstruction_of(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
+        build_reconstruction(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
     )
 
 
-def _centred(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
+def _centre(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:
     """Images (B, 1, H, W) around 0, of the contrast of the noise ``grain`` where the descriptor leaves it open.
 
     A constant image is replaced by the noise: all derivatives vanish there, and no search would leave it.
@@ -112,7 +113,7 @@ class _Search(SearchRecord):
         part: slice,
     ) -> None:
         super().__init__(descriptor, dialect, watch, part)
-        self.options, smoothness = options, smoothness_for(options, dialect)
+        self.options, smoothness = options, choose_smoothness(options, dialect)
         self.objective = PublishedObjective(descriptor, linear_vote_spec(dialect), size, smoothness)
 
     def run(self, start: Tensor, progress: Callable[[int, int], None] | None) -> None:
@@ -250,5 +251,5 @@ class PublishedJacobian:
         signs = torch.randint(0, 2, (1, 1, height, width), generator=generator).to(self._images) * 2 - 1
         # Hutchinson's estimate of the trace: ‖J s‖² for random signs s, one sample
         trace = self._hog_jvp(signs.expand_as(self._images).contiguous()).flatten(1).square().sum(1)
-        diagonal = (DIAGONAL * trace / (height * width)).clamp(min=torch.finfo(trace.dtype).tiny)
+        diagonal = (DIAGONAL_SHARE * trace / (height * width)).clamp(min=torch.finfo(trace.dtype).tiny)
         return self._objective.smoothness**2 * laplacian + diagonal.reshape(-1, 1, 1, 1)

@@ -187,7 +187,7 @@ class Iterate:
         return as_returned(self.candidates.mean(dim=1), self.spec)
 
 
-def at_start(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
+def make_first_iterate(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
     """The state before the search of a part of a batch: images (b, 1, H, W) and their distance.
 
     The images are square roots if the dialect describes these.
@@ -215,7 +215,7 @@ class SearchRecord:
             self.watch(Iterate(self.part, self.evaluations, distance, candidates, self.dialect))
 
 
-def reconstruction_of(
+def build_reconstruction(
     image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[SearchRecord]
 ) -> Reconstruction:
     """The result of the searches of all parts, for images (B, 1, H, W) in 0…1; its seconds are not set yet."""
@@ -224,13 +224,13 @@ def reconstruction_of(
         image,
         relative_distance(image, descriptor, spec),
         [reason for search in searches for reason in search.stop_reason],
-        torch.cat([search.history.filled(length) for search in searches], dim=1),
+        torch.cat([search.history.fill(length) for search in searches], dim=1),
         torch.cat([search.evaluations for search in searches]),
         seconds=0.0,
     )
 
 
-def parts(
+def split_batch(
     count: int, at_once: int, progress: Callable[[int, int], None] | None
 ) -> Iterator[tuple[slice, Callable[[int, int], None] | None]]:
     """A batch in parts of at most ``at_once``, each with its share of ``progress``."""

@@ -85,7 +85,7 @@ def reconstruct_samples(
         size,
         quality=quality,
         seed=seed,
-        expected=learned.own.samples(descriptor, spec, size, count, seed=seed).flatten(0, 1),
+        expected=learned.prior.samples(descriptor, spec, size, count, seed=seed).flatten(0, 1),
         learned=learned,
         search=search,
         objective=objective,

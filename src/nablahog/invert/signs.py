@@ -192,7 +192,7 @@ def brightness_cues(image: Tensor) -> Tensor:
     return torch.stack(cues, dim=1)
 
 
-def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+def find_negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
     """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
 
     A learned prior's ``confidence`` decides, the probability that an image is not a negative; without one, the cues do.
@@ -203,7 +203,7 @@ def negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, 
     return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
 
 
-def negated(image: Tensor, which: Tensor) -> Tensor:
+def negate(image: Tensor, which: Tensor) -> Tensor:
     """Images (B, 1, H, W) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
     return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
 

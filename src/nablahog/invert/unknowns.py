@@ -39,15 +39,15 @@ def cosines(n: int, dtype: torch.dtype, device: torch.device) -> Tensor:
 
 def to_cosines(images: Tensor) -> Tensor:
     """The orthonormal DCT-II of images (..., H, W), differentiable in either mode."""
-    return _transformed(images, inverse=False)
+    return _transform(images, inverse=False)
 
 
 def from_cosines(coefficients: Tensor) -> Tensor:
     """Images (..., H, W) from their :func:`to_cosines`, differentiable in either mode."""
-    return _transformed(coefficients, inverse=True)
+    return _transform(coefficients, inverse=True)
 
 
-def _transformed(planes: Tensor, inverse: bool) -> Tensor:
+def _transform(planes: Tensor, inverse: bool) -> Tensor:
     if planes.device.type != "cpu":
         rows, cols = (cosines(n, planes.dtype, planes.device) for n in planes.shape[-2:])
         return rows.T @ planes @ cols if inverse else rows @ planes @ cols.T
@@ -75,11 +75,11 @@ class _OnCpu(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
-        return _transformed(grad_output, not ctx.inverse), None
+        return _transform(grad_output, not ctx.inverse), None
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor, _: None) -> Tensor:
-        return _transformed(tangent, ctx.inverse)
+        return _transform(tangent, ctx.inverse)
 
 
 class CosineBasis:
@@ -142,7 +142,7 @@ class FlatRegions:
         regions, count = ndimage.label(joined, in_plane)
         self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: none
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
-        self.runs = _runs(regions.reshape(len(regions), -1))
+        self.runs = _find_runs(regions.reshape(len(regions), -1))
 
     def __call__(self, images: Tensor, index: Tensor) -> Tensor:
         """Images (A, 1, H, W) of the problems ``index`` (A,), with their regions made constant."""
@@ -187,7 +187,7 @@ class _Levelled(torch.autograd.Function):
         return levelled
 
 
-def _runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
+def _find_runs(regions: npt.NDArray[np.integer]) -> tuple[Tensor, Tensor]:
     """Runs of pixels of one region in a row, of regions (B, pixels), 0 for none.
 
     Returns (runs, 3): first pixel, end, region; and ends (B + 1,): image b has the runs ends[b] … ends[b + 1] - 1.

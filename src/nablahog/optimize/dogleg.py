@@ -33,7 +33,7 @@ from .problems import (
 
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
 GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
-BAD, SHRUNK = 0.05, 0.25  # a gain below BAD shrinks the radius
+LEAST_GAIN, RADIUS_SHRINKAGE = 0.05, 0.25  # a gain below LEAST_GAIN shrinks the radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,7 +248,9 @@ def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) 
     grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
     # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
     return torch.where(
-        accepted, torch.where(gain >= BAD, grown, SHRUNK * radius), shrink_below(SHRUNK * radius, length)
+        accepted,
+        torch.where(gain >= LEAST_GAIN, grown, RADIUS_SHRINKAGE * radius),
+        shrink_below(RADIUS_SHRINKAGE * radius, length),
     )
 
 
@@ -257,4 +259,4 @@ def shrink_below(radius: Tensor, length: Tensor) -> Tensor:
     times = (torch.log2(radius / length) / 2).floor().clamp(min=-1) + 1
     times = torch.where((times > 0) & (torch.ldexp(radius, 2 - 2 * times) < length), times - 1, times)  # rounding
     shrunk = torch.ldexp(radius, -2 * times)
-    return torch.where(shrunk >= length, SHRUNK * shrunk, shrunk)
+    return torch.where(shrunk >= length, RADIUS_SHRINKAGE * shrunk, shrunk)

@@ -157,7 +157,7 @@ class LbfgsSearch:
         values = as_numbers(values.to(start.dtype, copy=True))
         self.running = Running(start, values, watch)
         kind = NativeVectors if self.running.at_once and native.available() else Vectors
-        self.vectors, self.state = kind(start, gradient, memory, first_step), SearchState.at_start(values, memory)
+        self.vectors, self.state = kind(start, gradient, memory, first_step), SearchState.from_values(values, memory)
 
     def advance(self) -> None:
         """Evaluates each trial point; where it is accepted, takes the step and updates the direction."""

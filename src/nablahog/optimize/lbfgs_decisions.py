@@ -47,7 +47,7 @@ class SearchState(NamedTuple):
     with_gradient: Numbers
 
     @classmethod
-    def at_start(cls, values: Numbers, memory: int) -> SearchState:
+    def from_values(cls, values: Numbers, memory: int) -> SearchState:
         """The state at the start, with values (A,).  There are no pairs: rows and columns of U⁻¹ are 0, and γ is 1."""
         stack, zeros = array_namespace(values).stack, array_namespace(values).zeros_like(values)
         row = stack([zeros] * memory, 1)
@@ -101,7 +101,7 @@ def decide(
     enough = trial_values <= state.values + ARMIJO * state.steps * slopes  # False for NaN
     moves = enough & (dots[:, ALONG] >= CURVATURE * slopes) & running
     stays, steps = ~moves & running, state.steps
-    moved, stores = _moved(state, moves, trial_values, dots)
+    moved, stores = _move(state, moves, trial_values, dots)
     coefficients = _direction(moved)
     if may_hold(~moves):
         moved = moved.where(moves, _next_trial(state, stays, enough, slopes, trial_values))
@@ -128,7 +128,7 @@ def _next_trial(
     )
 
 
-def _moved(state: SearchState, moves: Numbers, trial_values: Numbers, dots: Numbers) -> tuple[SearchState, Numbers]:
+def _move(state: SearchState, moves: Numbers, trial_values: Numbers, dots: Numbers) -> tuple[SearchState, Numbers]:
     """As if all moved to their trial points; and whether each pair is stored, (A,)."""
     xp, m, steps = array_namespace(dots), state.curvatures.shape[1], state.steps
     s_y, y_y = steps * dots[:, CHANGE_ALONG], dots[:, CHANGE_SQUARED]

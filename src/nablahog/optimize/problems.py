@@ -128,7 +128,7 @@ class History:
         """The problems ``index`` have ``numbers`` after ``evaluations``, (A,) each, which are kept; 0 adds none."""
         self._added.append((evaluations, index, numbers))
 
-    def filled(self, length: int) -> Tensor:
+    def fill(self, length: int) -> Tensor:
         """(length, B): where a problem has no number it repeats its last.  Each has one after its first evaluation."""
         evaluations, index, numbers = (
             torch.cat([torch.as_tensor(part) for part in parts]) for parts in zip(*self._added, strict=True)
@@ -140,7 +140,7 @@ class History:
         return table.gather(0, last[1 : length + 1].cummax(dim=0).values)
 
 
-WINDOW = 20  # evaluations over which progress is judged
+PROGRESS_WINDOW = 20  # evaluations over which progress is judged
 ROUNDS_BETWEEN_LOOKS = 10  # on a device: more waste evaluations of problems that have ended, fewer wait more often
 _REASONS = tuple(StopReason)
 _CODES = {reason: k + 1 for k, reason in enumerate(_REASONS)}
@@ -199,7 +199,7 @@ class Running:
             self._xp.zeros_like(values, dtype=kind) for kind in (self._xp.int8, self._xp.int64)
         )
         self._lowest, self._rounds = values, 0
-        self._recent = self._xp.stack([self._xp.full_like(values, np.inf)] * (WINDOW + 1))
+        self._recent = self._xp.stack([self._xp.full_like(values, np.inf)] * (PROGRESS_WINDOW + 1))
         self._history = History(len(start))
         self._x, self._values = torch.empty_like(start), start.new_empty(len(start))
         self._spent, self._reasons = torch.zeros_like(self.index), [StopReason.BUDGET] * len(start)
@@ -210,7 +210,7 @@ class Running:
         self.evaluations = self.evaluations + (self.codes == 0) if evaluations is None else evaluations
         self._rounds += 1
         self._lowest = self._xp.fmin(self._lowest, values)
-        self._recent[self._rounds % (WINDOW + 1)] = self._lowest
+        self._recent[self._rounds % (PROGRESS_WINDOW + 1)] = self._lowest
         self._history.add(self.evaluations, self.index, values)
         if self.watch is not None:
             self.watch(self.index, torch.as_tensor(self.evaluations))
@@ -218,7 +218,7 @@ class Running:
     @np.errstate(invalid="ignore")  # a value that has been infinite all the time has not fallen
     def slow(self, tolerance: float) -> Numbers:
         """Whether the lowest value fell by less than a share of itself in the last 20 rounds, (A,)."""
-        before = self._recent[(self._rounds + 1) % (WINDOW + 1)]
+        before = self._recent[(self._rounds + 1) % (PROGRESS_WINDOW + 1)]
         return before - self._lowest < tolerance * self._lowest
 
     def end(self, holds: Mapping[StopReason, Numbers]) -> None:
@@ -260,7 +260,7 @@ class Running:
     def minimum(self, x: Tensor, values: Numbers) -> Minimum:
         """The outcome, once those that still run are at points ``x`` (A, N) with ``values`` (A,)."""
         self._enter(torch.arange(len(self._problems)), self.read()[0], x, values)
-        history = self._history.filled(int(self._spent.max()))
+        history = self._history.fill(int(self._spent.max()))
         return Minimum(self._x, self._values, self._spent, self._reasons, history)
 
     def _enter(self, rows: Tensor, codes: Tensor, x: Tensor, values: Numbers) -> None:

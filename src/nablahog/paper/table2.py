@@ -17,7 +17,7 @@ from ..hog.box import Box
 from ..io.images import as_array
 from ..jobs.store import JobResult, digest, key_of
 from ..jobs.worker import local_path
-from ..metrics import VIEWS, azimuth_error, near_view, rotation_error, same_view
+from ..metrics import VIEW_COUNTS, azimuth_error, near_view, rotation_error, same_view
 from ..render.models import Model
 from ..runtime.cache import code_key
 from .annotations import Example
@@ -150,7 +150,7 @@ class Table2(Results):
         accuracy = {
             (criterion, views): statistics([100.0 * _right(criterion, views, *pair) for pair in poses])
             for criterion in CRITERIA
-            for views in VIEWS
+            for views in VIEW_COUNTS
         }
         errors, rotations = ([error(*pair) for pair in poses] for error in (error_of_azimuth, error_of_rotation))
         within = {angle: statistics([100.0 * float(error <= angle) for error in rotations]) for angle in WITHIN}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from ..metrics import VIEWS
+from ..metrics import VIEW_COUNTS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
 from ..viz.similarity_plot import boxed
@@ -23,8 +23,8 @@ LEAD = (
 DEFINITIONS = {
     "4, 8, 16, 24 views: by interval": "The azimuth is right if it is in the same one of that many equal intervals as "
     "the true one; the first has 0° in its middle, as in the code published with PASCAL3D+.",
-    f"{', '.join(f'< {360 / views:g}°' for views in VIEWS)}: by threshold": "The azimuth is right if it differs from "
-    "the true one by less.",
+    f"{', '.join(f'< {360 / views:g}°' for views in VIEW_COUNTS)}: by threshold": "The azimuth is right if it "
+    "differs from the true one by less.",
     "median error, error": "Half of the azimuths are off by at most this, measured the shorter way round.",
     "rotation, rotation error": "The angle of the rotation from the true viewpoint (azimuth, elevation and in-plane "
     "rotation) to the estimated one (Tulsiani and Malik, CVPR 2015): the share within π/6 = 30° and π/18 = 10°, "
@@ -32,8 +32,8 @@ DEFINITIONS = {
     "objects": f"All count: an object without a pose counts as wrong, by {NO_POSE:g}°.",
     "interval below a figure": f"The 95 % interval: percentile bootstrap, {RESAMPLES:,} resamples of the objects with "
     "a fixed seed.",
-    f"{', '.join(map(str, VIEWS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 CAD "
-    "models. It names no criterion. Only by interval does its baseline beat "
+    f"{', '.join(map(str, VIEW_COUNTS))} views, paper": "What the paper prints, for 247 chairs of PASCAL VOC and 1393 "
+    "CAD models. It names no criterion. Only by interval does its baseline beat "
     "chance at 4 views, so we compare by interval.",
     "seconds": "Median wall time of a method for one object, in a process of one thread that has read the models. The "
     "first object of a process takes longer, because code is loaded.",
@@ -47,7 +47,7 @@ def terminal_rows(table: Table2) -> list[dict[str, object]]:
     rows = []
     for line in table.table_rows():
         row: dict[str, object] = {"method": line.method}
-        for views in VIEWS:
+        for views in VIEW_COUNTS:
             paper = line.paper.get(views)
             figure = html.figure(_percent(line.accuracy["interval", views]))
             row[f"{views} views"] = figure if paper is None else f"{figure} ({paper:.1f})"
@@ -85,8 +85,8 @@ def _under(condition: str, line: Table2Row, shown: Callable[[Statistics], object
         "condition": condition,
         "method": line.method,
         "objects": line.error.n,
-        **{f"{views} views": shown(line.accuracy["interval", views]) for views in VIEWS},
-        f"< {360 / VIEWS[-1]:g}°": shown(line.accuracy["threshold", VIEWS[-1]]),
+        **{f"{views} views": shown(line.accuracy["interval", views]) for views in VIEW_COUNTS},
+        f"< {360 / VIEW_COUNTS[-1]:g}°": shown(line.accuracy["threshold", VIEW_COUNTS[-1]]),
     }
 
 
@@ -110,7 +110,7 @@ def page(table: Table2, settings: Table2Settings) -> str:
 
 def _row(line: Table2Row) -> Mapping[str, object]:
     row: dict[str, object] = {"method": line.method, "objects": line.error.n}
-    for views in VIEWS:
+    for views in VIEW_COUNTS:
         row[f"{views} views"] = _cell(line.accuracy["interval", views])
         row[f"{views}\xa0views\npaper"] = line.paper.get(views)
         row[f"< {360 / views:g}°"] = _cell(line.accuracy["threshold", views])

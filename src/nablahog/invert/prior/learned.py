@@ -124,7 +124,7 @@ class LearnedPrior(LearnedModel):
         images, votes = network.predict(descriptor.float(), spec, image_size, given)
         images = match_contrast(images, votes, linear_vote_spec(spec))
         if spec.signed:
-            images = _with_integral(images, votes, linear_vote_spec(spec))
+            images = _add_integral(images, votes, linear_vote_spec(spec))
         return images.to(descriptor.dtype)
 
     @torch.no_grad()
@@ -143,7 +143,7 @@ class LearnedPrior(LearnedModel):
         network = self._network_for(descriptor, spec, image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws, votes = network.draws(descriptor.float(), spec, image_size, count, seed)
+        draws, votes = network.draw(descriptor.float(), spec, image_size, count, seed)
         images = match_contrast(draws, votes.repeat_interleave(count, dim=0), linear_vote_spec(spec))
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
@@ -186,7 +186,7 @@ class LearnedPrior(LearnedModel):
         return network_class(self.spec)(self.architecture)
 
 
-def _with_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
+def _add_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     """Images (B, 1, H, W) with the largest structures of the integrals of the histograms ``votes``.
 
     A network has seen 16x16 cells; errors that it makes in all cells of a sky add up.  Integrals are good at what is
@@ -206,7 +206,7 @@ PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["defaul
 class Priors(NamedTuple):
     """The prior for a reconstruction's descriptors; if these are unsigned, also one for signed ones, for details."""
 
-    own: LearnedPrior
+    prior: LearnedPrior
     details: LearnedPrior | None = None
 
 

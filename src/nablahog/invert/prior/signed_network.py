@@ -88,16 +88,16 @@ class PriorNetwork(nn.Module, ABC):
 
     @staticmethod
     @abstractmethod
-    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """Histograms (B, colours · bins, rows, cols) of images (height, width) in the bins of the network."""
 
     @staticmethod
     @abstractmethod
-    def mirrored(votes: Tensor) -> Tensor:
+    def mirror(votes: Tensor) -> Tensor:
         """The network's histograms of the images flipped from left to right."""
 
     @classmethod
-    def recovered(
+    def recover(
         cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins.
@@ -106,7 +106,7 @@ class PriorNetwork(nn.Module, ABC):
         """
         spec = linear_vote_spec(spec)
         votes = recover_histograms(descriptor, spec, size) if votes is None else votes
-        return votes, cls.cell_votes(votes, spec, size)
+        return votes, cls.rebin(votes, spec, size)
 
     @abstractmethod
     def predict(
@@ -154,20 +154,20 @@ class NetworkInputs(NamedTuple):
 
 @torch.no_grad()
 def network_inputs(votes: Tensor) -> NetworkInputs:
-    """The inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.cell_votes`, of any scale."""
+    """The inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.rebin`, of any scale."""
     size = CELL_PIXELS * votes.shape[2], CELL_PIXELS * votes.shape[3]
     votes = set_nominal_contrast(votes, INPUT_SPEC, size)
     integral = integrate(*mean_gradient(votes, INPUT_SPEC, *size))
-    variance = _mean_around(integral.square(), TRAINING_CELLS) - _mean_around(integral, TRAINING_CELLS).square()
-    mean, contrast = _mean_around(integral, 2 * TRAINING_CELLS), variance.clamp(min=FLAT_STD**2).sqrt()
-    integral = (integral - _at_pixels(mean)) / _at_pixels(contrast)
+    variance = _average_around(integral.square(), TRAINING_CELLS) - _average_around(integral, TRAINING_CELLS).square()
+    mean, contrast = _average_around(integral, 2 * TRAINING_CELLS), variance.clamp(min=FLAT_STD**2).sqrt()
+    integral = (integral - _interpolate_cells(mean)) / _interpolate_cells(contrast)
     of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL_PIXELS**2))
     entries = normalize_reference(votes, INPUT_SPEC) * _DESCRIPTOR
     cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL_PIXELS)], dim=1)
     return NetworkInputs(cells, integral, contrast, mean)
 
 
-def _mean_around(images: Tensor, side: int) -> Tensor:
+def _average_around(images: Tensor, side: int) -> Tensor:
     """The mean of images (B, 1, 8R, 8C) over the square of ``side`` cells around each cell, (B, 1, R, C).
 
     Of smaller images it is the mean of the whole; near the border it is that of the outermost such square.
@@ -179,7 +179,7 @@ def _mean_around(images: Tensor, side: int) -> Tensor:
     return pad(means, (left, right, top, bottom), mode="replicate")
 
 
-def _at_pixels(cells: Tensor) -> Tensor:
+def _interpolate_cells(cells: Tensor) -> Tensor:
     """Values of cells (B, 1, R, C), interpolated at their pixels, (B, 1, 8R, 8C)."""
     return interpolate(cells, scale_factor=CELL_PIXELS, mode="bilinear", align_corners=False)
 
@@ -209,12 +209,12 @@ class SignedNetwork(PriorNetwork):
         set_to_zero(self.out)
 
     @staticmethod
-    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 18, R, C), bins centred at 0°, 20°, …"""
         return rebin_cells(votes, spec, size, SIGNED_BINS, 0.0, 2 * math.pi)
 
     @staticmethod
-    def mirrored(votes: Tensor) -> Tensor:
+    def mirror(votes: Tensor) -> Tensor:
         """θ becomes π - θ."""
         return votes[:, [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]].flip(3)
 
@@ -222,14 +222,14 @@ class SignedNetwork(PriorNetwork):
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image."""
-        votes, cells = self.recovered(descriptor, spec, size, votes)
-        images = (self._image(cells) + self._image(self.mirrored(cells)).flip(3)) / 2
-        return _resized(images, spec.cell_size, size), votes
+        votes, cells = self.recover(descriptor, spec, size, votes)
+        images = (self._image(cells) + self._image(self.mirror(cells)).flip(3)) / 2
+        return _resize(images, spec.cell_size, size), votes
 
     def _image(self, votes: Tensor) -> Tensor:
         inputs = network_inputs(votes)
         normalised: Tensor = self(inputs.cells, inputs.integral)
-        return normalised * _at_pixels(inputs.contrast) + _at_pixels(inputs.mean)
+        return normalised * _interpolate_cells(inputs.contrast) + _interpolate_cells(inputs.mean)
 
     def forward(self, cells: Tensor, integral: Tensor) -> Tensor:
         """Images of about zero mean and unit variance."""
@@ -237,7 +237,7 @@ class SignedNetwork(PriorNetwork):
         return self.gain * integral + pixel_shuffle(correction.float(), PIXELS_PER_OUTPUT)
 
 
-def _resized(images: Tensor, cell_size: tuple[int, int], size: tuple[int, int]) -> Tensor:
+def _resize(images: Tensor, cell_size: tuple[int, int], size: tuple[int, int]) -> Tensor:
     """Images of cells of :data:`CELL_PIXELS` pixels to images (height, width) of cells of ``cell_size``.
 
     Pixels beyond the last cell repeat the last row or column.

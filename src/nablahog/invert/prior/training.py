@@ -31,7 +31,7 @@ from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0  # norm
-WARM_UP, FIRST, LAST = 0.1, 1 / 25, 1e-5  # share of the steps; learning rates, relative to the largest
+WARM_UP, FIRST_RATE, LAST_RATE = 0.1, 1 / 25, 1e-5  # share of the steps; learning rates, relative to the largest
 AGAIN = 0.5  # largest learning rate of a training that starts from a prior, relative to the usual one
 FEW = 20  # batches for the means and variances at the start of such a training
 
@@ -171,7 +171,7 @@ def _fit(
     if start is not None:
         with seeded(seed):
             batches = islice(training.batches(0), FEW)
-            unfold_statistics(network, lambda: [training.loss(network, _on(device, batch)) for batch in batches])
+            unfold_statistics(network, lambda: [training.loss(network, _move_to(device, batch)) for batch in batches])
     largest = training.learning_rate * (1.0 if start is None else AGAIN)
     optimizer = torch.optim.AdamW(network.parameters(), largest, weight_decay=training.weight_decay)
     schedule = learning_rates(optimizer, largest, epochs * steps)
@@ -183,7 +183,7 @@ def _fit(
             for step, batch in enumerate(training.batches(epoch)):
                 progress(epoch * steps + step, epochs * steps, _report(epoch, epochs, losses))
                 with torch.autocast(device.type, torch.bfloat16, enabled=half):
-                    loss = training.loss(network, _on(device, batch))
+                    loss = training.loss(network, _move_to(device, batch))
                 optimizer.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
@@ -211,8 +211,8 @@ def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int)
         largest,
         total_steps=max(steps, 11),  # with 10, OneCycleLR divides by zero
         pct_start=WARM_UP,
-        div_factor=1 / FIRST,
-        final_div_factor=FIRST / LAST,
+        div_factor=1 / FIRST_RATE,
+        final_div_factor=FIRST_RATE / LAST_RATE,
         cycle_momentum=False,
     )
 
@@ -237,7 +237,7 @@ def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[st
     )
 
 
-def _on(device: torch.device, batch: Any) -> Any:
+def _move_to(device: torch.device, batch: Any) -> Any:
     return type(batch)(*(part.to(device) for part in batch))
 
 

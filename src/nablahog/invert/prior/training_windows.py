@@ -19,25 +19,27 @@ from ...hog.descriptor import histograms, hog
 from ...hog.spec import HOGSpec
 from ..histograms import recover_histograms
 from .signed_network import CELL_PIXELS, TRAINING_CELLS, SignedNetwork, network_inputs
-from .unsigned_network import MAX_FIRST_CELLS, PIXELS_PER_CELL, UnsignedNetwork, align_sign, normalised
+from .unsigned_network import MAX_FIRST_CELLS, PIXELS_PER_CELL, UnsignedNetwork, align_sign, normalise
 
 WINDOWS_PER_BATCH = 32  # windows of at most :data:`TRAINING_CELLS` cells a side; of larger ones fewer
 HELD_OUT = 25  # one image of 25 is held out from training
 LEAST_WINDOW_STD = 0.02  # standard deviation in 0…1; windows below it have less weight
-FEWEST = 8  # held-out images needed to calibrate the confidence
+LEAST_HELD_OUT = 8  # held-out images needed to calibrate the confidence
 
-SHRUNK = 0.5  # share of signed windows that are shrunk, where photographs are large enough
+SHRUNK_SHARE = 0.5  # share of signed windows that are shrunk, where photographs are large enough
 STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
 UOCTTI, VLFEAT, DPM = presets.uoctti(CELL_PIXELS), presets.vlfeat(cell_size=CELL_PIXELS), presets.dpm(CELL_PIXELS)
 PIOTR, CNN_HOG = presets.piotr(CELL_PIXELS), presets.cnn_hog(CELL_PIXELS)
 
-LEAST_SIDE, LARGE = 0.5, 0.6  # least side of unsigned windows, relative to the largest possible; share of the largest
-TURNED, TURN, STRETCH = 0.5, 12.0, 0.15  # share of windows; most degrees; largest log-ratio of the stretches
+LEAST_SIDE_SHARE = 0.5  # least side of unsigned windows, relative to the largest possible
+LARGEST_SHARE = 0.6  # share of windows that are the largest possible
+TURNED_SHARE = 0.5  # share of windows that are turned and stretched
+MAX_TURN, MAX_STRETCH = 12.0, 0.15  # most degrees; largest log-ratio of the stretches
 PAPER, SKIMAGE, OPENCV, MASKFEAT = presets.paper(CELL_PIXELS), presets.skimage(), presets.opencv(), presets.maskfeat()
 DALAL_TRIGGS = presets.dalal_triggs()
 # whose descriptors do not determine histograms: values are clipped, cells lose contrast
 LOSSY = [OPENCV, MASKFEAT, DALAL_TRIGGS]
-RECOVERY = 40  # evaluations for their histograms
+RECOVERY_EVALUATIONS = 40  # evaluations for their histograms
 
 
 class WindowTraining(ABC):
@@ -84,19 +86,19 @@ class WindowTraining(ABC):
             most = WINDOWS_PER_BATCH * TRAINING_CELLS**2 // math.prod(grid)
             count = max(1, min(WINDOWS_PER_BATCH, len(self.images), most))
             images = rng.choices(self.images, self.chances, k=count)
-            windows = self._changed(torch.cat([self._window(image, grid, rng) for image in images]), rng)
+            windows = self._change(torch.cat([self._window(image, grid, rng) for image in images]), rng)
             parts = zip(windows.chunk(len(specs)), specs, strict=False)
-            yield self._batch(torch.cat([self._votes(part, spec) for part, spec in parts]), windows)
+            yield self._batch(torch.cat([self._compute_histograms(part, spec) for part, spec in parts]), windows)
 
     @abstractmethod
     def _scale(self, largest: float, rng: random.Random) -> float:
         """Pixels of the photograph per pixel of the window, along each axis; at most ``largest``."""
 
-    def _changed(self, windows: Tensor, rng: random.Random) -> Tensor:
+    def _change(self, windows: Tensor, rng: random.Random) -> Tensor:
         return windows
 
     @abstractmethod
-    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+    def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
         """The network's histograms of windows (B, 1, 8R, 8C)."""
 
     @abstractmethod
@@ -109,7 +111,7 @@ class WindowTraining(ABC):
         scale = self._scale(min(image.shape[0] / height, image.shape[1] / width), rng)
         rows, cols = (max(1, math.floor(n * scale)) for n in (height, width))
         top, left = (rng.randrange(n - size + 1) for n, size in zip(image.shape, (rows, cols), strict=True))
-        window = resized(image[top : top + rows, left : left + cols], height, width)
+        window = resize(image[top : top + rows, left : left + cols], height, width)
         window = window ** math.exp(rng.uniform(-self.gamma, self.gamma))
         return window.flip(3) if rng.random() < 0.5 else window
 
@@ -137,10 +139,10 @@ class SignedTraining(WindowTraining):
 
     def _scale(self, largest: float, rng: random.Random) -> float:
         """Windows are enlarged only if the photograph is smaller: enlarged windows have no details."""
-        return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK else 1.0)
+        return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK_SHARE else 1.0)
 
-    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
-        return SignedNetwork.recovered(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
+    def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+        return SignedNetwork.recover(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
 
     def _batch(self, votes: Tensor, windows: Tensor) -> _SignedBatch:
         inputs = network_inputs(votes)
@@ -197,22 +199,22 @@ class UnsignedTraining(WindowTraining):
     grids = ((16, 16),) * 6 + ((12, 16), (16, 12), (12, 12), (16, 8)) + ((32, 32),) * 2
 
     def _scale(self, largest: float, rng: random.Random) -> float:
-        return largest * (1.0 if rng.random() < LARGE else rng.uniform(LEAST_SIDE, 1))
+        return largest * (1.0 if rng.random() < LARGEST_SHARE else rng.uniform(LEAST_SIDE_SHARE, 1))
 
-    def _changed(self, windows: Tensor, rng: random.Random) -> Tensor:
-        return _turned(windows, rng)
+    def _change(self, windows: Tensor, rng: random.Random) -> Tensor:
+        return _turn(windows, rng)
 
-    def _votes(self, windows: Tensor, spec: HOGSpec) -> Tensor:
+    def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
         """Votes from the histograms of windows or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
         if spec in LOSSY:
-            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=RECOVERY)
+            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=RECOVERY_EVALUATIONS)
         else:
             votes = histograms(windows, spec)
-        return UnsignedNetwork.cell_votes(votes, spec, size)
+        return UnsignedNetwork.rebin(votes, spec, size)
 
     def _batch(self, votes: Tensor, windows: Tensor) -> _UnsignedBatch:
-        return _UnsignedBatch(votes, _target(windows))
+        return _UnsignedBatch(votes, _make_target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
         votes, images = batch
@@ -222,16 +224,16 @@ class UnsignedTraining(WindowTraining):
             return mse_loss(network(votes, align_sign(coarser, images)), images)
         regions = network(votes, torch.zeros_like(images))
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
-        predicted = align_sign(normalised(regions.detach()), images)
+        predicted = align_sign(normalise(regions.detach()), images)
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
-        odds = network.polarity(votes, predicted, normalised(share * images + (1 - share) * predicted))
+        odds = network.polarity(votes, predicted, normalise(share * images + (1 - share) * predicted))
         return torch.minimum(apart, negative).mean() - logsigmoid(odds).mean()
 
     @torch.no_grad()
     def calibrate(self, network: UnsignedNetwork) -> None:
         """Scales the log-odds of the polarity to maximise the likelihood of the images held out."""
-        if len(self.held_out) < FEWEST:
+        if len(self.held_out) < LEAST_HELD_OUT:
             return
         specs = (PAPER, OPENCV)
         odds = torch.stack([self._odds(network, image, spec) for image, _ in self.held_out for spec in specs])
@@ -242,42 +244,42 @@ class UnsignedTraining(WindowTraining):
 
     def _odds(self, network: UnsignedNetwork, image: Tensor, spec: HOGSpec) -> Tensor:
         """(2,): log-odds of the prediction for a whole image, with the right sign, and of the image itself."""
-        window, device = _whole(image), network.polarity.out.weight.device
-        votes, target = (tensor.to(device) for tensor in (self._votes(window, spec), _target(window)))
+        window, device = _resize_whole(image), network.polarity.out.weight.device
+        votes, target = (tensor.to(device) for tensor in (self._compute_histograms(window, spec), _make_target(window)))
         largest = network.largest_cells(votes)
         predicted = align_sign(largest.regions, target)
         return torch.cat([network.log_odds(shown, largest) for shown in (predicted, target)]).cpu()
 
 
-def _turned(windows: Tensor, rng: random.Random) -> Tensor:
+def _turn(windows: Tensor, rng: random.Random) -> Tensor:
     """Windows (B, 1, H, W), some of them rotated and stretched, and mirrored at their borders."""
     height, width = windows.shape[2:]
     affine = []
     for _ in windows:
-        angle = math.radians(rng.uniform(-TURN, TURN))
-        along_x, along_y = (math.exp(sign * rng.uniform(0, STRETCH) / 2) for sign in rng.choice([(1, -1), (-1, 1)]))
+        angle = math.radians(rng.uniform(-MAX_TURN, MAX_TURN))
+        along_x, along_y = (math.exp(sign * rng.uniform(0, MAX_STRETCH) / 2) for sign in rng.choice([(1, -1), (-1, 1)]))
         cos, sin = math.cos(angle), math.sin(angle)
         rows = [[cos * along_x, -sin * along_y * height / width, 0], [sin * along_x * width / height, cos * along_y, 0]]
-        affine.append(rows if rng.random() < TURNED else [[1, 0, 0], [0, 1, 0]])
+        affine.append(rows if rng.random() < TURNED_SHARE else [[1, 0, 0], [0, 1, 0]])
     grid = affine_grid(windows.new_tensor(affine), list(windows.shape), align_corners=False)
     return grid_sample(windows, grid, padding_mode="reflection", align_corners=False).clamp(0, 1)
 
 
-def _target(windows: Tensor) -> Tensor:
+def _make_target(windows: Tensor) -> Tensor:
     """Windows (B, 1, 8R, 8C) in 0…1 to images of two pixels a cell, of unit variance if they are not flat."""
     small = avg_pool2d(windows, CELL_PIXELS // PIXELS_PER_CELL)
     small = small - small.mean(dim=(2, 3), keepdim=True)
     return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_WINDOW_STD)
 
 
-def _whole(image: Tensor) -> Tensor:
+def _resize_whole(image: Tensor) -> Tensor:
     """A whole image (H, W), resized to at most :data:`TRAINING_CELLS` cells a side, (1, 1, 8R, 8C)."""
     shrink = TRAINING_CELLS * CELL_PIXELS / max(image.shape)
     size = [max(2, round(n * shrink / CELL_PIXELS / 4)) * 4 * CELL_PIXELS for n in image.shape]
-    return resized(image, size[0], size[1])
+    return resize(image, size[0], size[1])
 
 
-def resized(image: Tensor, height: int, width: int) -> Tensor:
+def resize(image: Tensor, height: int, width: int) -> Tensor:
     """An image (H, W) as (1, 1, height, width)."""
     if image.shape == (height, width):
         return image[None, None]

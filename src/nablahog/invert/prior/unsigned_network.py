@@ -41,13 +41,13 @@ POLARITY_WIDTHS = (48, 96, 128)
 FLAT_UNIT_STD = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
-def compressed(votes: Tensor) -> Tensor:
+def compress(votes: Tensor) -> Tensor:
     """Votes of any scale, compressed: log(1 + 4 · votes / their mean over the image)."""
     mean = votes.mean(dim=(1, 2, 3), keepdim=True)
     return torch.log1p(CONTRAST * votes / torch.where(mean > 0, mean, 1))
 
 
-def normalised(images: Tensor) -> Tensor:
+def normalise(images: Tensor) -> Tensor:
     """Images (B, 1, H, W) of zero mean and unit variance; 0 where they are flat."""
     images = images - images.mean(dim=(2, 3), keepdim=True)
     contrast = images.std(dim=(2, 3), keepdim=True, correction=0)
@@ -109,7 +109,7 @@ class _Polarity(nn.Module):
 
     def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
         seen = pixel_unshuffle(torch.cat([align_sign(regions, images), images], dim=1), PIXELS_PER_CELL)
-        both = torch.cat([torch.cat([compressed(votes), sign * seen], dim=1) for sign in (1.0, -1.0)])
+        both = torch.cat([torch.cat([compress(votes), sign * seen], dim=1) for sign in (1.0, -1.0)])
         one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
         odds: Tensor = self.out(one - negative)
         return odds.squeeze(1).float()
@@ -150,7 +150,7 @@ class UnsignedNetwork(PriorNetwork):
 
     def forward(self, votes: Tensor, coarser: Tensor) -> Tensor:
         """Images of about unit variance; the coarser ones of zero mean and unit variance, or 0."""
-        x, levels = self.inp(torch.cat([compressed(votes), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
+        x, levels = self.inp(torch.cat([compress(votes), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
         for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
             levels.append(blocks(x))
             x = shrink(gelu(levels[-1]))
@@ -160,15 +160,15 @@ class UnsignedNetwork(PriorNetwork):
         return pixel_shuffle(self.out(gelu(x)), PIXELS_PER_CELL).float()
 
     @staticmethod
-    def cell_votes(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 9, R, C), bins centred at 10°, 30°, …; cells are square, R and C are multiples of :data:`COARSEST`."""
         tiling = rebin_cells(votes, spec, size, UNSIGNED_BINS, 0.5, math.pi)
         height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
         side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MAX_LAST_CELLS)
-        return _at_grid(tiling, height / side, width / side)
+        return _resample(tiling, height / side, width / side)
 
     @staticmethod
-    def mirrored(votes: Tensor) -> Tensor:
+    def mirror(votes: Tensor) -> Tensor:
         """10° becomes 170°."""
         return votes.flip(1, 3)
 
@@ -176,17 +176,17 @@ class UnsignedNetwork(PriorNetwork):
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
-        votes, inputs = self.recovered(descriptor, spec, size, votes)
+        votes, inputs = self.recover(descriptor, spec, size, votes)
         largest = self.largest_cells(inputs)
         regions = self.predict_regions(inputs, largest)
         images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
 
-    def draws(
+    def draw(
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int
     ) -> tuple[Tensor, Tensor]:
         """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
-        votes, inputs = self.recovered(descriptor, spec, size)
+        votes, inputs = self.recover(descriptor, spec, size)
         images = [self._draw(one.unsqueeze(0), count, seed) for one in inputs]
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes
 
@@ -208,7 +208,7 @@ class UnsignedNetwork(PriorNetwork):
         self, images: Tensor, descriptor: Tensor, spec: HOGSpec, votes: Tensor | None = None
     ) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
-        _, inputs = self.recovered(descriptor, spec, (images.shape[2], images.shape[3]), votes)
+        _, inputs = self.recover(descriptor, spec, (images.shape[2], images.shape[3]), votes)
         return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
 
     def largest_cells(self, votes: Tensor) -> LargestCells:
@@ -226,33 +226,33 @@ class UnsignedNetwork(PriorNetwork):
 
     def coarser(self, votes: Tensor, largest: LargestCells) -> Tensor:
         """Images (B, 1, 2R, 2C) up to their sign, predicted for cells twice as large."""
-        regions = normalised(self.predict_regions(_enlarge_cells(votes), largest))
+        regions = normalise(self.predict_regions(_enlarge_cells(votes), largest))
         size = (PIXELS_PER_CELL * votes.shape[2], PIXELS_PER_CELL * votes.shape[3])
         return interpolate(regions, size=size, mode="bilinear", align_corners=False)
 
     def _average_mirrored(self, votes: Tensor, coarser: Tensor) -> Tensor:
         """The mean of the predictions for the image and for its mirror image, up to its sign."""
         regions: Tensor = self(votes, coarser)
-        mirrored: Tensor = self(self.mirrored(votes), coarser.flip(3))
+        mirrored: Tensor = self(self.mirror(votes), coarser.flip(3))
         return (regions + align_sign(mirrored.flip(3), regions)) / 2
 
     def log_odds(self, images: Tensor, largest: LargestCells) -> Tensor:
         """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image."""
         votes, regions = largest
         size = (regions.shape[2], regions.shape[3])
-        small = normalised(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
-        regions = normalised(regions)
+        small = normalise(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
+        regions = normalise(regions)
         odds: Tensor = self.polarity(votes, regions, small)
-        mirrored: Tensor = self.polarity(self.mirrored(votes), regions.flip(3), small.flip(3))
+        mirrored: Tensor = self.polarity(self.mirror(votes), regions.flip(3), small.flip(3))
         return (odds + mirrored) / 2
 
 
 def _enlarge_cells(votes: Tensor) -> Tensor:
     """Votes (B, 9, R, C) of cells about twice as large."""
-    return _at_grid(votes, votes.shape[2] / 2, votes.shape[3] / 2)
+    return _resample(votes, votes.shape[2] / 2, votes.shape[3] / 2)
 
 
-def _at_grid(votes: Tensor, rows: float, cols: float) -> Tensor:
+def _resample(votes: Tensor, rows: float, cols: float) -> Tensor:
     """Votes (B, 9, R, C) at a grid of about so many rows and columns, multiples of :data:`COARSEST`."""
     grid = [max(LEAST_CELLS, round(n / COARSEST) * COARSEST) for n in (rows, cols)]
     if list(votes.shape[2:]) == grid:
