@@ -25,7 +25,7 @@ class CommandLine(SphinxDirective):
     """A section for each command, with its usage, its arguments and its options."""
 
     def run(self) -> list[nodes.Node]:
-        folders = [Path(module.__file__).parent for module in (arguments, requests)]
+        folders = [Path(module.__path__[0]) for module in (arguments, requests)]
         for source in (*(file for folder in folders for file in folder.glob("*.py")), Path(__file__)):
             self.env.note_dependency(str(source))
         os.environ["COLUMNS"] = str(WIDTH)  # where argparse looks for it

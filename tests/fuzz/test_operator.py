@@ -22,6 +22,7 @@ from .corpus import stored_cases
 from .harness import examine, parts
 from .specs import Shape, shapes, specs
 
+pytestmark = pytest.mark.filterwarnings("ignore:images of floats have values far beyond")  # the huge ones
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "uint8": torch.uint8}
 STRIDES = ("contiguous", "channels last", "every second pixel", "transposed", "expanded")
 VALUES = ("noise", "noise", "noise", "few levels", "constant", "one pixel", "not finite", "huge", "denormal")
