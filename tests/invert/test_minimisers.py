@@ -40,7 +40,7 @@ def account(
 
 
 def history(made: PreimageSearch) -> Tensor:
-    return made.history.filled(int(made.evaluations.max()))
+    return made.history.fill(int(made.evaluations.max()))
 
 
 def starts(count: int) -> Tensor:

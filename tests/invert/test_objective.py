@@ -117,7 +117,7 @@ def test_nothing_is_expected_of_a_constant_image() -> None:
     problem = objective("paper", True)
     made = PreimageObjective(
         problem.descriptor.permute(0, 2, 3, 1),
-        problem.votes,
+        problem.histograms,
         problem.spec,
         problem.basis,
         problem.flat,
@@ -159,6 +159,6 @@ def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
 def test_residuals_are_evaluated_in_pieces(name: str) -> None:
     problem, index = objective(name, False, 0.7), torch.tensor([1, 0])
     whole, together = problem.residuals(points(2), index), problem(points(2), index)
-    problem.votes_at_once = 1
+    problem.histograms_at_once = 1
     torch.testing.assert_close(problem.residuals(points(2), index), whole)
     torch.testing.assert_close(problem(points(2), index), together)

@@ -244,11 +244,11 @@ def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.Mon
     monkeypatch.setattr(UnsignedTraining, "dialects", [specs])
     monkeypatch.setattr(UnsignedTraining, "grids", [(8, 12)])
     batch = next(UnsignedTraining(patches(40), 0).batches(0))
-    rows, cols = batch.votes.shape[2:]
+    rows, cols = batch.histograms.shape[2:]
     assert batch.images.shape == (32, 1, 2 * rows, 2 * cols)
     contrast = avg_pool2d(batch.images.square(), 2) - avg_pool2d(batch.images, 2).square()
     for part, spec in zip(torch.arange(32).chunk(len(specs)), specs, strict=True):
-        votes, edges = (x[part].log1p().flatten() for x in (batch.votes.sum(dim=1, keepdim=True), contrast))
+        votes, edges = (x[part].log1p().flatten() for x in (batch.histograms.sum(dim=1, keepdim=True), contrast))
         if spec.name != "maskfeat":  # whose cells have all the same contrast
             assert float(torch.corrcoef(torch.stack([votes, edges]))[0, 1]) > 0.3
 

@@ -117,10 +117,10 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     shares = alignment(shares)
     rows, cols = shares.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
-    begun = histograms_without_clip(descriptor, spec)
-    if begun is not None:
+    unclipped = histograms_without_clip(descriptor, spec)
+    if unclipped is not None:
         max_evaluations = min(max_evaluations, AFTER_CLOSED_FORM)
-        start = torch.log(alignment(of_nearest_cells(begun, spec, size)).clamp(min=tiny))
+        start = torch.log(alignment(of_nearest_cells(unclipped, spec, size)).clamp(min=tiny))
     else:
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + ENTRY_FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
@@ -130,8 +130,8 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        votes = limit[index].exp() * torch.sigmoid(levels.image(level) + entries - limit[index])
-        return alignment.restore(torch.where(shares[index] > 0, votes, 0))
+        cells = limit[index].exp() * torch.sigmoid(levels.image(level) + entries - limit[index])
+        return alignment.restore(torch.where(shares[index] > 0, cells, 0))
 
     @torch.enable_grad()
     def objective(unknowns: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -146,12 +146,14 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     return histograms(minimum.x, torch.arange(batch, device=target.device))
 
 
-def average_colours(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+def average_colours(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) of images (height, width): means over colours, cells side by side."""
-    return CellAlignment(spec, size, votes)(mean_over_colours(votes, spec))
+    return CellAlignment(spec, size, histograms)(mean_over_colours(histograms, spec))
 
 
-def rebin_cells(votes: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, first: float, period: float) -> Tensor:
+def rebin_cells(
+    histograms: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, first: float, period: float
+) -> Tensor:
     """Histograms (B, colours · spec.bins, rows, cols) to other bins of cells side by side, (B, bins, R, C).
 
     Each vote is shared between the two nearest bins; ``first`` is the centre of bin 0, in bins, and ``period`` that of
@@ -160,10 +162,10 @@ def rebin_cells(votes: Tensor, spec: HOGSpec, size: tuple[int, int], bins: int, 
     position = torch.from_numpy(bin_angles(spec)) * (bins / period) - first
     below = torch.floor(position + 1e-6)  # a vote at a bin's centre is not split
     share = (position - below).clamp(0, 1)
-    to, own = torch.zeros(bins, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
-    to.index_put_((below.long() % bins, own), 1 - share, accumulate=True)
-    to.index_put_(((below.long() + 1) % bins, own), share, accumulate=True)
-    return torch.einsum("kb,nbrc->nkrc", to.to(votes), average_colours(votes, spec, size))
+    shares, spec_bins = torch.zeros(bins, spec.bins, dtype=torch.float64), torch.arange(spec.bins)
+    shares.index_put_((below.long() % bins, spec_bins), 1 - share, accumulate=True)
+    shares.index_put_(((below.long() + 1) % bins, spec_bins), share, accumulate=True)
+    return torch.einsum("kb,nbrc->nkrc", shares.to(histograms), average_colours(histograms, spec, size))
 
 
 START_NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
@@ -172,20 +174,20 @@ TINY_WEIGHT = 1e-30
 
 
 def starting_images(
-    votes: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = START_NOISE
+    histograms: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = START_NOISE
 ) -> Tensor:
     """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
 
     The noise has the standard deviation ``spread``, comes in pairs, and is the same for every image of the batch.
     """
     if spec.signed:
-        smooth = integrate(*mean_gradient(mean_over_colours(votes, spec), spec, height, width)).unsqueeze(1)
+        smooth = integrate(*mean_gradient(mean_over_colours(histograms, spec), spec, height, width)).unsqueeze(1)
     else:
-        cells = expected_cells(average_colours(votes, spec, (height, width)), spec, seed).unsqueeze(1)
+        cells = expected_cells(average_colours(histograms, spec, (height, width)), spec, seed).unsqueeze(1)
         # from votes of a cell, differences of two pixels, to the difference of two cells
         per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
         smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
-    return 0.5 + smooth / spec.value_range + pair_noise(votes, height, width, count, seed, spread)
+    return 0.5 + smooth / spec.value_range + pair_noise(histograms, height, width, count, seed, spread)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = START_NOISE) -> Tensor:
@@ -201,30 +203,30 @@ def pair_noise(like: Tensor, height: int, width: int, count: int, seed: int, spr
     return torch.cat([half, -half[:, : count // 2]], dim=1)
 
 
-def match_contrast(image: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``votes``.
+def match_contrast(image: Tensor, target: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``target``.
 
     Images that only vary by rounding become constant.
     """
     image = image - image.mean(dim=(2, 3), keepdim=True)
     varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > ROUNDING_CONTRAST
     image = torch.where(varies, image, 0)
-    own = histograms(image, spec)
-    size = own.square().sum(dim=(1, 2, 3))
-    contrast = torch.where(size > 0, (own * votes).sum(dim=(1, 2, 3)) / torch.where(size > 0, size, 1), 1)
+    cells = histograms(image, spec)
+    size = cells.square().sum(dim=(1, 2, 3))
+    contrast = torch.where(size > 0, (cells * target).sum(dim=(1, 2, 3)) / torch.where(size > 0, size, 1), 1)
     return 0.5 + image * contrast.reshape(-1, 1, 1, 1)
 
 
 def start_near(
-    votes: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
+    histograms: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
 ) -> tuple[Tensor, Tensor]:
-    """Start and expected image at the contrast of the histograms ``votes``."""
-    expected = match_contrast(expected, votes, spec)
-    start = expected if start is None else match_contrast(start, votes, spec)
+    """Start and expected image at the contrast of the ``histograms``."""
+    expected = match_contrast(expected, histograms, spec)
+    start = expected if start is None else match_contrast(start, histograms, spec)
     constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
     if constant.any():  # all derivatives vanish there, so no search would leave it
         height, width = start.shape[2:]
-        grainy = start + noise(votes, height, width, 1, seed)[:, 0]
+        grainy = start + noise(histograms, height, width, 1, seed)[:, 0]
         start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
     return start, expected
 
@@ -236,12 +238,12 @@ def enlarge(images: Tensor, height: int, width: int) -> Tensor:
     return interpolate(images, size=(height, width), mode="bicubic", align_corners=False)
 
 
-def mean_gradient(votes: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
+def mean_gradient(histograms: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
-    angles = torch.from_numpy(bin_angles(spec)).to(votes)
-    down, across = pooling_axes(replace(spec, border="reflect"), height, width, votes)
+    angles = torch.from_numpy(bin_angles(spec)).to(histograms)
+    down, across = pooling_axes(replace(spec, border="reflect"), height, width, histograms)
     # votes divided by the sum of the cell's weights are their mean; the same weights interpolate between the centres
-    mean = votes / (down.totals().unsqueeze(1) * across.totals())
+    mean = histograms / (down.totals().unsqueeze(1) * across.totals())
     if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
         down, across = (
             along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY_WEIGHT)) for along in (down, across)

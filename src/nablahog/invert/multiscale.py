@@ -90,7 +90,7 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
         ValueError: a scale does not exist for this size; there is no such preset.
 
     >>> descriptors = nablahog.invert.scale_descriptors(torch.rand(1, 1, 64, 64), "paper", (16, 4, 1))
-    >>> [tuple(each.shape) for each in descriptors]  # cells shrink with the image
+    >>> [tuple(level.shape) for level in descriptors]  # cells shrink with the image
     [(1, 8, 8, 9), (1, 8, 8, 9), (1, 8, 8, 9)]
     """
     spec = as_spec(spec)
@@ -144,7 +144,7 @@ def reconstruct_multiscale(
 
     Raises:
         TypeError, ValueError: as :func:`.preimage.reconstruct`; the scales do not fall, or one does not exist for this
-            image and cell size; there is not same_descriptor descriptor for each.
+            image and cell size; there is not one descriptor for each.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), spec)
@@ -155,50 +155,50 @@ def reconstruct_multiscale(
     """
     spec = as_spec(spec)
     same_descriptor = isinstance(descriptors, Tensor | np.ndarray)
-    several = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
-    targets = [descriptors_as_tensor(descriptor) for descriptor in several]
+    inputs = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
+    targets = [descriptors_as_tensor(descriptor) for descriptor in inputs]
     published = as_published(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
-    plan = _choose_level_settings(targets, same_descriptor, spec, image_size, scales, search, published)
+    settings = _choose_level_settings(targets, same_descriptor, spec, image_size, scales, search, published)
     of_package = published is None and search.samples is None
     learned, start, expected = as_priors(prior, spec, by_default=of_package), None, None
     if same_descriptor and published is None:
-        start, expected = _first_images(plan, spec, seed, learned)
+        start, expected = _first_images(settings, spec, seed, learned)
     levels: list[Level] = []
-    for number, step in enumerate(plan):
+    for number, level in enumerate(settings):
         began = time.perf_counter()
         if levels:
-            before = enlarge(levels[-1].reconstruction.image, *step.size)
+            before = enlarge(levels[-1].reconstruction.image, *level.size)
             start, expected = (before, None) if spec.signed or published is not None else (None, before)
         start, expected = (
-            check_images("start", images, step.descriptor, step.size, step.spec) for images in (start, expected)
+            check_images("start", images, level.descriptor, level.size, level.spec) for images in (start, expected)
         )
-        report = _report(progress, plan, number)
-        if step.published is not None:
+        report = _report(progress, settings, number)
+        if level.published is not None:
             result = reconstruct_as_published(
-                step.descriptor, step.spec, step.size, step.published, seed=seed, start=start, progress=report
+                level.descriptor, level.spec, level.size, level.published, seed=seed, start=start, progress=report
             )
         else:
             result = search_preimages(
-                step.descriptor,
-                step.spec,
-                step.size,
+                level.descriptor,
+                level.spec,
+                level.size,
                 seed=seed,
                 start=start,
                 expected=expected,
-                learned=learned if step is plan[-1] else None,
-                search=step.search,
-                objective=objective if same_descriptor else _add_coarser(objective, plan[:number], step),
+                learned=learned if level is settings[-1] else None,
+                search=level.search,
+                objective=objective if same_descriptor else _add_coarser(objective, settings[:number], level),
                 fix_polarity=False,
                 progress=report,
             )
-        levels.append(Level(step.scale, step.spec, replace(result, seconds=time.perf_counter() - began)))
+        levels.append(Level(level.scale, level.spec, replace(result, seconds=time.perf_counter() - began)))
     if not spec.signed and published is None:
-        levels = _fix_polarity(levels, [step.descriptor for step in plan])
+        levels = _fix_polarity(levels, [level.descriptor for level in settings])
     return [
         Level(level.scale, level.spec, convert_like(level.reconstruction, descriptor))
-        for level, descriptor in zip(levels, several, strict=True)
+        for level, descriptor in zip(levels, inputs, strict=True)
     ]
 
 
@@ -235,36 +235,40 @@ def _choose_level_settings(
         most = best.evaluations if spec.signed else best.without_samples
     # the grid is the same at each level
     size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
-    steps: list[_LevelSettings] = []
+    settings: list[_LevelSettings] = []
     for scale, descriptor in zip(scales, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)
         check_descriptor(descriptor, *((spec, size) if same_descriptor else (small, small_size)))
         # at the same contrast, 1/s of the pixels with differences √s times as large make 1/√s of the votes
         contrast = scale**0.25 if spec.normalizer.fixes_contrast else 1.0
         target = descriptor.detach() / contrast if same_descriptor and contrast != 1 else descriptor.detach()
-        last = len(steps) + 1 == len(scales)
+        last = len(settings) + 1 == len(scales)
         budget = most if last else min(COARSE_EVALUATIONS, max(2, most // 4))
-        few, own = None, replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
+        level_published = None
+        level_search = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
         if published is not None:
             budget = published.iterations if last else max(1, published.iterations // 4)
             # with ξ scaled like the descriptor, the smoothness has the same share as at full size
-            few = replace(published, iterations=budget, smoothness=choose_smoothness(published, spec) / contrast)
-        steps.append(_LevelSettings(scale, small, small_size, target, few, own, budget))
-    return steps
+            smoothness = choose_smoothness(published, spec) / contrast
+            level_published = replace(published, iterations=budget, smoothness=smoothness)
+        settings.append(_LevelSettings(scale, small, small_size, target, level_published, level_search, budget))
+    return settings
 
 
 def _report(
-    progress: Callable[[int, int], None] | None, plan: Sequence[_LevelSettings], number: int
+    progress: Callable[[int, int], None] | None, settings: Sequence[_LevelSettings], number: int
 ) -> Callable[[int, int], None] | None:
     """``progress`` over all levels, called by the level ``number``."""
-    before, most = (sum(step.most for step in steps) for steps in (plan[:number], plan))
+    before, most = (sum(level.most for level in levels) for levels in (settings[:number], settings))
     return None if progress is None else lambda done, _: progress(before + done, most)
 
 
-def _add_coarser(objective: Objective, before: Sequence[_LevelSettings], step: _LevelSettings) -> Objective:
+def _add_coarser(objective: Objective, before: Sequence[_LevelSettings], level: _LevelSettings) -> Objective:
     """``objective``, and that the image, shrunk, has the descriptors of the levels ``before``."""
     priors = [
-        CoarserDescriptor(COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), step.size[0] // small.size[0])
+        CoarserDescriptor(
+            COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), level.size[0] // small.size[0]
+        )
         for small in before
     ]
     return replace(objective, priors=(*objective.priors, *priors))
@@ -284,13 +288,13 @@ def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Le
 
 
 def _first_images(
-    plan: Sequence[_LevelSettings], spec: HOGSpec, seed: int, learned: Priors | None
+    settings: Sequence[_LevelSettings], spec: HOGSpec, seed: int, learned: Priors | None
 ) -> tuple[Tensor | None, Tensor | None]:
     """Start and expected image of the first level, where all levels match one descriptor.
 
     Both are made at full size and shrunk: cells of many pixels determine them better.
     """
-    first, last = plan[0], plan[-1]
+    first, last = settings[0], settings[-1]
     factor = last.size[0] // first.size[0]
     if learned is not None and not spec.signed:
         return None, avg_pool2d(learned.prior.expected(last.descriptor, spec, last.size), factor)

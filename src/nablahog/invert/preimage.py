@@ -214,19 +214,21 @@ def search_preimages(
     at_once = max(1, memory_for(targets.device, BATCH_MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
     searches, images, confidences = [], [], []
     for part, report in split_batch(len(targets), at_once, progress):
-        own = [prior.select(part) for prior in settings.priors]
+        part_priors = [prior.select(part) for prior in settings.priors]
         budget = settings.max_evaluations
-        image_search = PreimageSearch(targets[part], dialect, size, own, search.minimiser, budget, report, watch, part)
+        image_search = PreimageSearch(
+            targets[part], dialect, size, part_priors, search.minimiser, budget, report, watch, part
+        )
         searches.append(image_search)
-        own_start, own_expected = (None if batch is None else batch[part] for batch in (start, expected))
-        votes = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
-        if learned is not None and own_expected is None:
-            own_expected = learned.prior.expected(targets[part], dialect, size, votes)
+        part_start, part_expected = (None if batch is None else batch[part] for batch in (start, expected))
+        histograms = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
+        if learned is not None and part_expected is None:
+            part_expected = learned.prior.expected(targets[part], dialect, size, histograms)
             if watch is not None:
-                watch(make_first_iterate(own_expected, targets[part], dialect, part))
-        images.append(to_unit_range(_preimages(image_search, votes, own_start, own_expected, settings), spec))
+                watch(make_first_iterate(part_expected, targets[part], dialect, part))
+        images.append(to_unit_range(_preimages(image_search, histograms, part_start, part_expected, settings), spec))
         if learned is not None and not spec.signed:
-            confidences.append(learned.prior.polarity_confidence(images[-1], targets[part], dialect, votes))
+            confidences.append(learned.prior.polarity_confidence(images[-1], targets[part], dialect, histograms))
     image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
     if fix_polarity and not spec.signed:
         negative, confidence = find_negatives(image, confidence)
@@ -272,40 +274,40 @@ def _choose_settings(
 
 
 def _preimages(
-    search: PreimageSearch, votes: Tensor, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
+    search: PreimageSearch, histograms: Tensor, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
 ) -> Tensor:
-    """Images (B, 1, H, W) that have the descriptors, of any contrast, from the histograms ``votes``."""
+    """Images (B, 1, H, W) that have the descriptors, of any contrast, from the ``histograms``."""
     spec, details = search.spec, settings.details
     if expected is None and start is None and not spec.signed:
-        expected = starting_images(votes, spec, *search.size, 1, settings.seed)[:, 0]
+        expected = starting_images(histograms, spec, *search.size, 1, settings.seed)[:, 0]
     if expected is None:
-        start, expected = _average_samples(search, votes, start, settings)
+        start, expected = _average_samples(search, histograms, start, settings)
     else:
-        start, expected = start_near(votes, spec, start, expected, settings.seed)
+        start, expected = start_near(histograms, spec, start, expected, settings.seed)
     if details is None:
         return search.match_descriptor(start, expected, settings.closeness)
     budget = max(1, round(SHARE_BEFORE_DETAILS * search.remaining_evaluations()))
     image = search.match_descriptor(start, expected, settings.closeness, budget)
     directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
     signed = hog(to_unit_range(image, directed), directed)
-    expected = match_contrast(details.expected(signed, directed, search.size), votes, spec)
+    expected = match_contrast(details.expected(signed, directed, search.size), histograms, spec)
     return search.match_descriptor(expected, expected, settings.closeness_to_details)
 
 
 def _average_samples(
-    search: PreimageSearch, votes: Tensor, start: Tensor | None, settings: _SearchSettings
+    search: PreimageSearch, histograms: Tensor, start: Tensor | None, settings: _SearchSettings
 ) -> tuple[Tensor, Tensor | None]:
-    """Start and expected image: the mean of samples with the histograms ``votes``; a single one is only a start."""
+    """Start and expected image: the mean of samples with the ``histograms``; a single one is only a start."""
     spec, size = search.spec, search.size
     evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
     count = max(1, min(settings.samples, evaluations // LEAST_EVALUATIONS))
     spread = START_NOISE if count == 1 else SAMPLE_SPREAD * min(1, evaluations // count / SPREAD_EVALUATIONS)
     if start is None:
-        starts = starting_images(votes, spec, *size, count, settings.seed, spread)
+        starts = starting_images(histograms, spec, *size, count, settings.seed, spread)
     else:
-        grain = pair_noise(votes, *size, count, settings.seed, spread)
-        starts = match_contrast(start, votes, spec).unsqueeze(1) + grain
-    mean = search.match(starts, votes, evaluations // count).mean(dim=1)
+        grain = pair_noise(histograms, *size, count, settings.seed, spread)
+        starts = match_contrast(start, histograms, spec).unsqueeze(1) + grain
+    mean = search.match(starts, histograms, evaluations // count).mean(dim=1)
     if count == 1:
         return mean, None
     mean = low_pass(mean, AGREEMENT_SIGMA)

@@ -102,5 +102,5 @@ def _agreement(images: Tensor) -> Tensor:
     pixels = pixels - pixels.mean(dim=2, keepdim=True)
     size = pixels.norm(dim=2, keepdim=True)
     pixels = pixels / torch.where(size > 0, size, 1)
-    one, other = torch.triu_indices(images.shape[1], images.shape[1], offset=1)
-    return (pixels[:, one] * pixels[:, other]).sum(dim=2).abs().mean(dim=1)
+    first, second = torch.triu_indices(images.shape[1], images.shape[1], offset=1)
+    return (pixels[:, first] * pixels[:, second]).sum(dim=2).abs().mean(dim=1)

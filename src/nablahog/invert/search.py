@@ -38,7 +38,7 @@ class PreimageObjective:
 
     Args:
         descriptor: (B, rows, cols, channels), φ(I).
-        votes: histograms (B, bins, rows, cols) to compare instead; None to compare the descriptor.
+        histograms: (B, bins, rows, cols) to compare instead; None to compare the descriptor.
         priors: for the whole batch, added to the distance.
         expected: Ī, the expected image (B, 1, H, W); None where nothing is expected.
         closeness: λ.  Both images are taken without their means, since HOG ignores the brightness.
@@ -51,7 +51,7 @@ class PreimageObjective:
     def __init__(
         self,
         descriptor: Tensor,
-        votes: Tensor | None,
+        histograms: Tensor | None,
         spec: HOGSpec,
         basis: CosineBasis,
         flat: FlatRegions,
@@ -61,7 +61,7 @@ class PreimageObjective:
         keep_images: bool = False,
     ) -> None:
         self.descriptor = descriptor.permute(0, 3, 1, 2)
-        self.votes = votes
+        self.histograms = histograms
         self.spec = spec
         self.basis = basis
         self.flat = flat
@@ -69,7 +69,7 @@ class PreimageObjective:
         self.distance = descriptor.new_zeros(len(descriptor))
         self.images = descriptor.new_zeros(len(descriptor), 1, *flat.regions.shape[1:]) if keep_images else None
         self.descriptor_size = squared_norm(descriptor)
-        self.compared_size = self.descriptor_size if votes is None else squared_norm(votes)
+        self.compared_size = self.descriptor_size if histograms is None else squared_norm(histograms)
         self.votes_at_once = votes_at_once(descriptor)
         self.expected = expected
         if expected is not None:
@@ -102,10 +102,10 @@ class PreimageObjective:
     def _residuals(self, unknowns: Tensor, index: Tensor) -> Tensor:
         image = self.image(unknowns, index)
         cells = histograms(image, self.spec)
-        if self.votes is None:
+        if self.histograms is None:
             difference = normalize_reference(cells, self.spec) - self.descriptor[index]
         else:
-            difference = cells - self.votes[index]
+            difference = cells - self.histograms[index]
         distance = difference.flatten(1) / self.compared_size[index].sqrt().unsqueeze(1)
         if self.expected is not None:
             deviation = self._deviation(image, index) * self.closeness[index].sqrt().unsqueeze(1)
@@ -133,12 +133,12 @@ class PreimageObjective:
         """The same, with gradients with respect to the images."""
         image = image.detach().requires_grad_()
         cells = histograms(image, self.spec)
-        with torch.set_grad_enabled(self.votes is None):
+        with torch.set_grad_enabled(self.histograms is None):
             difference = normalize(cells, self.spec) - self.descriptor[index]
             distance = difference.square().sum(dim=(1, 2, 3)) / self.descriptor_size[index]
         value = distance
-        if self.votes is not None:
-            value = (cells - self.votes[index]).square().sum(dim=(1, 2, 3)) / self.compared_size[index]
+        if self.histograms is not None:
+            value = (cells - self.histograms[index]).square().sum(dim=(1, 2, 3)) / self.compared_size[index]
         if self.expected is not None:
             value = value + self.closeness[index] * self._deviation(image, index).square().sum(1)
         for prior in self.priors:
@@ -187,14 +187,14 @@ class PreimageSearch(SearchRecord):
     def match(
         self,
         starts: Tensor,
-        votes: Tensor | None,
+        histograms: Tensor | None,
         budget: int,
         expected: Tensor | None = None,
         closeness: float = 0.0,
     ) -> Tensor:
         """Images (B, K, 1, H, W) from ``starts`` of that shape, each within ``budget`` evaluations.
 
-        They have the histograms ``votes`` (B, bins, rows, cols), or the descriptor if that is None.
+        They have the ``histograms`` (B, bins, rows, cols), or the descriptor if that is None.
         """
         batch, count = starts.shape[:2]
         self._assigned += budget * count
@@ -205,7 +205,7 @@ class PreimageSearch(SearchRecord):
 
         objective = PreimageObjective(
             repeat(self.descriptor),
-            None if votes is None else repeat(votes),
+            None if histograms is None else repeat(histograms),
             self.spec,
             self.basis,
             FlatRegions(repeat(self.descriptor), self.spec, *self.size),

@@ -61,40 +61,40 @@ class SignedCells(NamedTuple):
     energy: Tensor  # (B, K), sᵀQs
 
 
-def signed_cells(votes: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
+def signed_cells(histograms: Tensor, spec: HOGSpec, seed: int) -> SignedCells:
     """Sign patterns of low energy for unsigned histograms (B, bins, rows, cols), as images of cells."""
-    rows, cols = votes.shape[2:]
+    rows, cols = histograms.shape[2:]
     if rows * cols > MAX_CELLS:
         halves = [2 if n > 1 else 1 for n in (rows, cols)]
-        even = pad(votes, (0, -cols % halves[1], 0, -rows % halves[0]))
+        even = pad(histograms, (0, -cols % halves[1], 0, -rows % halves[0]))
         coarse = signed_cells(avg_pool2d(even, halves), spec, seed)
         images = interpolate(2 * coarse.images, size=even.shape[2:], mode="bilinear", align_corners=False)
         images = images[..., :rows, :cols]
         return SignedCells(images - images.mean(dim=(2, 3), keepdim=True), coarse.energy)
     trust, background = (1.0, 0.0) if spec.cell_size == (1, 1) else (TRUST, BACKGROUND)
-    response, energy = _sign_problem(votes.double(), spec, trust, background)
+    response, energy = _sign_problem(histograms.double(), spec, trust, background)
     signs, energies = _round(energy, _relax(energy, seed), seed)
     images = torch.einsum("bij,bkj->bki", response, signs).view(-1, ROUNDINGS, rows, cols)
     images = images - images.mean(dim=(2, 3), keepdim=True)
     agreement = torch.sign((images * images[:, :1]).sum(dim=(2, 3), keepdim=True))
     images = torch.where(agreement < 0, -images, images)
-    return SignedCells(images.to(votes), energies.to(votes))
+    return SignedCells(images.to(histograms), energies.to(histograms))
 
 
-def expected_cells(votes: Tensor, spec: HOGSpec, seed: int) -> Tensor:
+def expected_cells(histograms: Tensor, spec: HOGSpec, seed: int) -> Tensor:
     """Unsigned histograms (B, bins, rows, cols) to an image of cells (B, rows, cols), in the units of the votes.
 
     For cells of one pixel it is the sign pattern of least energy, for larger ones, where many have nearly the least,
     their mean.
     """
-    images = signed_cells(votes, spec, seed).images
+    images = signed_cells(histograms, spec, seed).images
     return images[:, 0] if spec.cell_size == (1, 1) else images.mean(dim=1)
 
 
-def dominant_gradient(votes: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
+def dominant_gradient(histograms: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Length and angle, each (B, rows, cols), of the votes' resultant, with opposite directions taken as the same."""
-    doubled = 2 * torch.from_numpy(bin_angles(spec)).to(votes)
-    x, y = (torch.einsum("bkrc,k->brc", votes, f(doubled)) for f in (torch.cos, torch.sin))
+    doubled = 2 * torch.from_numpy(bin_angles(spec)).to(histograms)
+    x, y = (torch.einsum("bkrc,k->brc", histograms, f(doubled)) for f in (torch.cos, torch.sin))
     return torch.hypot(x, y), torch.atan2(y, x) / 2
 
 
@@ -106,24 +106,24 @@ def _differences(n: int, like: Tensor) -> tuple[Tensor, Tensor]:
     return central, steps
 
 
-def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float) -> tuple[Tensor, Tensor]:
+def _sign_problem(histograms: Tensor, spec: HOGSpec, trust: float, background: float) -> tuple[Tensor, Tensor]:
     """Two matrices (B, n, n) for n cells: the one that maps signs to their best image, and Q."""
-    rows, cols = votes.shape[2:]
-    eye_r, eye_c = (torch.eye(n, dtype=votes.dtype, device=votes.device) for n in (rows, cols))
-    (central_y, steps_y), (central_x, steps_x) = _differences(rows, votes), _differences(cols, votes)
+    rows, cols = histograms.shape[2:]
+    eye_r, eye_c = (torch.eye(n, dtype=histograms.dtype, device=histograms.device) for n in (rows, cols))
+    (central_y, steps_y), (central_x, steps_x) = _differences(rows, histograms), _differences(cols, histograms)
     # in cells that are not square, a step along the longer side spans more pixels of the same gradient
     height, width = spec.cell_size
     across_x, across_y = (height / width) ** 0.5, (width / height) ** 0.5
     dx, dy = across_x * torch.kron(eye_r, central_x), across_y * torch.kron(central_y, eye_c)
     neighbours = torch.cat([torch.kron(eye_r, steps_x), torch.kron(steps_y, eye_c)])
 
-    strength, angle = (field.flatten(1).unsqueeze(2) for field in dominant_gradient(votes, spec))
+    strength, angle = (field.flatten(1).unsqueeze(2) for field in dominant_gradient(histograms, spec))
     unit = strength.square().mean(dim=1, keepdim=True).sqrt()
     strength = strength / torch.where(unit > 0, unit, 1)
     across = torch.cos(angle) * dx + torch.sin(angle) * dy
     along = torch.cos(angle) * dy - torch.sin(angle) * dx
     fixed = COUPLING * neighbours.T @ neighbours + 1e-3 / (rows * cols)  # the last term makes the mean 0
-    system = trust * across.mT @ across + along.mT @ along + fixed + background * _background(votes)
+    system = trust * across.mT @ across + along.mT @ along + fixed + background * _background(histograms)
     pull = trust * across.mT * strength.mT
     # positive definite.  A general solver fails on batches of large systems in some builds, with two threads.
     response = torch.cholesky_solve(pull, torch.linalg.cholesky(system))
@@ -131,14 +131,14 @@ def _sign_problem(votes: Tensor, spec: HOGSpec, trust: float, background: float)
     return response * unit, (energy + energy.mT) / 2
 
 
-def _background(votes: Tensor) -> Tensor:
+def _background(histograms: Tensor) -> Tensor:
     """The last sum's matrix (B, n, n): w_p is exp(-votes / faint votes) along the border, 0 elsewhere; w weights ū."""
-    at_border = torch.zeros(votes.shape[2:], dtype=votes.dtype, device=votes.device)
+    at_border = torch.zeros(histograms.shape[2:], dtype=histograms.dtype, device=histograms.device)
     at_border[[0, -1]] = at_border[:, [0, -1]] = 1
-    total = votes.sum(dim=1)
+    total = histograms.sum(dim=1)
     mean = total.mean(dim=(1, 2), keepdim=True)
     weights = (at_border * torch.exp(-total / (FAINT * torch.where(mean > 0, mean, 1)))).flatten(1)
-    share = weights / weights.sum(dim=1, keepdim=True).clamp(min=torch.finfo(votes.dtype).tiny)
+    share = weights / weights.sum(dim=1, keepdim=True).clamp(min=torch.finfo(histograms.dtype).tiny)
     return torch.diag_embed(weights) - weights.unsqueeze(2) * share.unsqueeze(1)
 
 

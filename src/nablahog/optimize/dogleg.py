@@ -117,8 +117,8 @@ class DoglegSearch:
     def _drop(self, codes: Tensor, moved: Tensor) -> None:
         """Drops those that have ended, and notes which of the others have ``moved``, (A,) each, as read."""
         if codes.any():
-            kept = self.running.drop(codes, self.x, self.value)
-            moved, rows = moved[kept], kept.to(self.x.device)
+            remaining = self.running.drop(codes, self.x, self.value)
+            moved, rows = moved[remaining], remaining.to(self.x.device)
             self.x, self.value, self.descent = self.x[rows], self.value[rows], self.descent[rows]
             self.spent, self.iterations, self.radius = self.spent[rows], self.iterations[rows], self.radius[rows]
             self.newton = self.newton and NewtonSteps(*(tensor[rows] for tensor in self.newton))

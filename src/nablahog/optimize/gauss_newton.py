@@ -33,8 +33,8 @@ class GraphJacobian:
             self._vjp = self._grad(self._residuals, self._points, self._weights, create_graph=True)
 
     @staticmethod
-    def _grad(output: Tensor, of: Tensor, vectors: Tensor, create_graph: bool = False) -> Tensor:
-        (product,) = torch.autograd.grad(output, of, vectors, retain_graph=True, create_graph=create_graph)
+    def _grad(output: Tensor, inputs: Tensor, vectors: Tensor, create_graph: bool = False) -> Tensor:
+        (product,) = torch.autograd.grad(output, inputs, vectors, retain_graph=True, create_graph=create_graph)
         return product
 
     def jvp(self, vectors: Tensor) -> Tensor:

@@ -94,7 +94,7 @@ class Vectors:
     def take_step(self, decisions: Decisions, trial_gradient: Tensor) -> None:
         """Takes the steps of those that move, and updates their directions; ``trial_gradient`` is (A, N)."""
         steps, stores, coefficients = (
-            torch.as_tensor(each) for each in (decisions.steps, decisions.stores, decisions.coefficients)
+            torch.as_tensor(numbers) for numbers in (decisions.steps, decisions.stores, decisions.coefficients)
         )
         moves, rows, m = (steps > 0).unsqueeze(1), torch.arange(len(steps), device=steps.device), self.memory
         step = steps.unsqueeze(1) * self.direction
@@ -124,7 +124,7 @@ class Vectors:
         self._all = self._all[: len(rows)]
         self._name_rows(self.x.shape[1])
         self._newest, self.slopes, self.peaks = (
-            select_rows(each, rows) for each in (self._newest, self.slopes, self.peaks)
+            select_rows(numbers, rows) for numbers in (self._newest, self.slopes, self.peaks)
         )
 
 
@@ -191,7 +191,7 @@ class LbfgsSearch:
         rows = running.look(vectors.x, state.values)
         if rows is not None:
             vectors.keep(rows)
-            self.state = SearchState(*(select_rows(each, rows) for each in self.state))
+            self.state = SearchState(*(select_rows(numbers, rows) for numbers in self.state))
 
 
 def lbfgs(

@@ -135,7 +135,7 @@ def _move(state: SearchState, moves: Numbers, trial_values: Numbers, dots: Numbe
     stores = moves & (s_y > xp.finfo(dots.dtype).eps * y_y)
     old_with_gradient = dots[:, : 2 * m].reshape(state.with_gradient.shape)
     old_with_change = old_with_gradient - state.with_gradient
-    inverse, of_changes, curvatures, with_gradient = (xp.empty_like(each) for each in state[4:])
+    inverse, of_changes, curvatures, with_gradient = (xp.empty_like(numbers) for numbers in state[4:])
     # the new row of U is [sᵀy, r], that of its inverse [1, -r·U⁻¹] / sᵀy
     inverse[:, 0, 0], inverse[:, 1:, 0] = 1 / s_y, 0
     inverse[:, 0, 1:] = (old_with_change[:, :1] @ state.inverse)[:, 0, :-1] / -s_y[:, None]

@@ -248,14 +248,14 @@ class Running:
         ended = codes != 0
         self._enter(ended.nonzero().squeeze(1), codes, x, values)
         count = len(ended) - int(ended.sum())
-        others = torch.arange(count)
-        others[ended[:count]] = count + (~ended[count:]).nonzero().squeeze(1)
-        self._problems = self._problems[others]
+        running = torch.arange(count)
+        running[ended[:count]] = count + (~ended[count:]).nonzero().squeeze(1)
+        self._problems = self._problems[running]
         self.index, self.codes, self.evaluations = (
-            select_rows(each, others) for each in (self.index, self.codes, self.evaluations)
+            select_rows(numbers, running) for numbers in (self.index, self.codes, self.evaluations)
         )
-        self._lowest, self._recent = select_rows(self._lowest, others), select_rows(self._recent.T, others).T
-        return others
+        self._lowest, self._recent = select_rows(self._lowest, running), select_rows(self._recent.T, running).T
+        return running
 
     def minimum(self, x: Tensor, values: Numbers) -> Minimum:
         """The outcome, once those that still run are at points ``x`` (A, N) with ``values`` (A,)."""

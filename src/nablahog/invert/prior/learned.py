@@ -95,9 +95,9 @@ class LearnedPrior(LearnedModel):
     def check(self, spec: HOGSpec | str) -> None:
         """Raises ValueError if it was not trained for descriptors like those of ``spec``."""
         spec = as_spec(spec)
-        own, other = ("signed" if signed else "unsigned" for signed in (self.signed, linear_vote_spec(spec).signed))
-        if own != other:
-            raise ValueError(f"the {self.NOUN} is for {own} descriptors, but {spec.named} descriptor is {other}")
+        trained, given = ("signed" if signed else "unsigned" for signed in (self.signed, linear_vote_spec(spec).signed))
+        if trained != given:
+            raise ValueError(f"the {self.NOUN} is for {trained} descriptors, but {spec.named} descriptor is {given}")
 
     @torch.no_grad()
     def expected(
@@ -121,10 +121,10 @@ class LearnedPrior(LearnedModel):
         spec = as_spec(spec)
         network = self._network_for(descriptor, spec, image_size)
         given = None if votes is None else votes.float()
-        images, votes = network.predict(descriptor.float(), spec, image_size, given)
-        images = match_contrast(images, votes, linear_vote_spec(spec))
+        images, histograms = network.predict(descriptor.float(), spec, image_size, given)
+        images = match_contrast(images, histograms, linear_vote_spec(spec))
         if spec.signed:
-            images = _add_integral(images, votes, linear_vote_spec(spec))
+            images = _add_integral(images, histograms, linear_vote_spec(spec))
         return images.to(descriptor.dtype)
 
     @torch.no_grad()
@@ -143,8 +143,8 @@ class LearnedPrior(LearnedModel):
         network = self._network_for(descriptor, spec, image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws, votes = network.draw(descriptor.float(), spec, image_size, count, seed)
-        images = match_contrast(draws, votes.repeat_interleave(count, dim=0), linear_vote_spec(spec))
+        draws, histograms = network.draw(descriptor.float(), spec, image_size, count, seed)
+        images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_vote_spec(spec))
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
     @torch.no_grad()
@@ -186,8 +186,8 @@ class LearnedPrior(LearnedModel):
         return network_class(self.spec)(self.architecture)
 
 
-def _add_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) with the largest structures of the integrals of the histograms ``votes``.
+def _add_integral(images: Tensor, histograms: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) with the largest structures of the integrals of the ``histograms``.
 
     A network has seen 16x16 cells; errors that it makes in all cells of a sky add up.  Integrals are good at what is
     large in cells, and the better the smaller the cells are.
@@ -195,7 +195,7 @@ def _add_integral(images: Tensor, votes: Tensor, spec: HOGSpec) -> Tensor:
     height, width = images.shape[2:]
     side = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
     sigma = side * max(1.0, (side / SMALL_CELL_PIXELS) ** 3 * min(1.0, TRAINING_CELLS / (max(height, width) / side)))
-    integrals = starting_images(votes, spec, height, width, 1, 0, spread=0.0)[:, 0]
+    integrals = starting_images(histograms, spec, height, width, 1, 0, spread=0.0)[:, 0]
     return images + low_pass(integrals - images, sigma)
 
 
@@ -221,10 +221,10 @@ def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> 
         return Priors(prior)
     if prior == "default":
         prior = default_priors(spec)
-    if isinstance(prior, str) or not all(isinstance(each, LearnedPrior) for each in prior):
+    if isinstance(prior, str) or not all(isinstance(item, LearnedPrior) for item in prior):
         raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {prior!r}")
     signed = linear_vote_spec(spec).signed
-    by_signs = {each.signed: each for each in prior if isinstance(each, LearnedPrior)}
+    by_signs = {item.signed: item for item in prior if isinstance(item, LearnedPrior)}
     if signed not in by_signs or len(by_signs) < len(prior):
         kind = "signed" if signed else "unsigned"
         raise ValueError(f"expected one prior for {kind} descriptors, and at most one for others, got {prior!r}")
@@ -266,8 +266,8 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
 
 def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
     """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details."""
-    own = default_prior(spec)
-    return [own] if own.signed else [own, default_prior("uoctti")]
+    prior = default_prior(spec)
+    return [prior] if prior.signed else [prior, default_prior("uoctti")]
 
 
 @lru_cache(maxsize=2)

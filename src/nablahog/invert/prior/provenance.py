@@ -46,8 +46,8 @@ class NetworkLearning(Learning):
 
     @property
     def summary(self) -> str:
-        of = f"{counted(len(self.images), 'image')}, {counted(self.epochs, 'epoch')}"
-        return f"{of}, last loss {self.losses[-1]:.4f}"
+        extent = f"{counted(len(self.images), 'image')}, {counted(self.epochs, 'epoch')}"
+        return f"{extent}, last loss {self.losses[-1]:.4f}"
 
 
 def check_images(images: Mapping[str, Tensor], least: tuple[int, int] = (0, 0)) -> list[str]:

@@ -88,33 +88,33 @@ class PriorNetwork(nn.Module, ABC):
 
     @staticmethod
     @abstractmethod
-    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """Histograms (B, colours · bins, rows, cols) of images (height, width) in the bins of the network."""
 
     @staticmethod
     @abstractmethod
-    def mirror(votes: Tensor) -> Tensor:
+    def mirror(histograms: Tensor) -> Tensor:
         """The network's histograms of the images flipped from left to right."""
 
     @classmethod
     def recover(
-        cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+        cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins.
 
-        ``votes``: the former, if they are there already.
+        ``histograms``: the former, if they are there already.
         """
         spec = linear_vote_spec(spec)
-        votes = recover_histograms(descriptor, spec, size) if votes is None else votes
-        return votes, cls.rebin(votes, spec, size)
+        histograms = recover_histograms(descriptor, spec, size) if histograms is None else histograms
+        return histograms, cls.rebin(histograms, spec, size)
 
     @abstractmethod
     def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Images (B, 1, H, W) of any contrast, and the histograms recovered from the descriptors, in float32.
 
-        ``votes``: the histograms, if they are there already.
+        ``histograms``: those, if they are there already.
         """
 
 
@@ -153,16 +153,16 @@ class NetworkInputs(NamedTuple):
 
 
 @torch.no_grad()
-def network_inputs(votes: Tensor) -> NetworkInputs:
+def network_inputs(histograms: Tensor) -> NetworkInputs:
     """The inputs for histograms (B, 18, R, C) of :meth:`SignedNetwork.rebin`, of any scale."""
-    size = CELL_PIXELS * votes.shape[2], CELL_PIXELS * votes.shape[3]
-    votes = set_nominal_contrast(votes, INPUT_SPEC, size)
-    integral = integrate(*mean_gradient(votes, INPUT_SPEC, *size))
+    size = CELL_PIXELS * histograms.shape[2], CELL_PIXELS * histograms.shape[3]
+    histograms = set_nominal_contrast(histograms, INPUT_SPEC, size)
+    integral = integrate(*mean_gradient(histograms, INPUT_SPEC, *size))
     variance = _average_around(integral.square(), TRAINING_CELLS) - _average_around(integral, TRAINING_CELLS).square()
     mean, contrast = _average_around(integral, 2 * TRAINING_CELLS), variance.clamp(min=FLAT_STD**2).sqrt()
     integral = (integral - _interpolate_cells(mean)) / _interpolate_cells(contrast)
-    of_pixels = torch.asinh(votes / contrast * (_VOTES / CELL_PIXELS**2))
-    entries = normalize_reference(votes, INPUT_SPEC) * _DESCRIPTOR
+    of_pixels = torch.asinh(histograms / contrast * (_VOTES / CELL_PIXELS**2))
+    entries = normalize_reference(histograms, INPUT_SPEC) * _DESCRIPTOR
     cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL_PIXELS)], dim=1)
     return NetworkInputs(cells, integral, contrast, mean)
 
@@ -209,25 +209,25 @@ class SignedNetwork(PriorNetwork):
         set_to_zero(self.out)
 
     @staticmethod
-    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 18, R, C), bins centred at 0°, 20°, …"""
-        return rebin_cells(votes, spec, size, SIGNED_BINS, 0.0, 2 * math.pi)
+        return rebin_cells(histograms, spec, size, SIGNED_BINS, 0.0, 2 * math.pi)
 
     @staticmethod
-    def mirror(votes: Tensor) -> Tensor:
+    def mirror(histograms: Tensor) -> Tensor:
         """θ becomes π - θ."""
-        return votes[:, [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]].flip(3)
+        return histograms[:, [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]].flip(3)
 
     def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image."""
-        votes, cells = self.recover(descriptor, spec, size, votes)
+        histograms, cells = self.recover(descriptor, spec, size, histograms)
         images = (self._image(cells) + self._image(self.mirror(cells)).flip(3)) / 2
-        return _resize(images, spec.cell_size, size), votes
+        return _resize(images, spec.cell_size, size), histograms
 
-    def _image(self, votes: Tensor) -> Tensor:
-        inputs = network_inputs(votes)
+    def _image(self, histograms: Tensor) -> Tensor:
+        inputs = network_inputs(histograms)
         normalised: Tensor = self(inputs.cells, inputs.integral)
         return normalised * _interpolate_cells(inputs.contrast) + _interpolate_cells(inputs.mean)
 

@@ -1,4 +1,4 @@
-"""Windows of photographs, with their votes, to train the networks of priors on, and the losses."""
+"""Windows of photographs, with their histograms, to train the networks of priors on, and the losses."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class WindowTraining(ABC):
         chances = [math.sqrt(side / in_folder[folder]) for side, folder in zip(sides, folders, strict=True)]
         drawn = list(zip(images.values(), chances, strict=True))
         self.held_out = drawn[HELD_OUT // 2 :: HELD_OUT]
-        some = [each for k, each in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
-        self.images, self.chances = [image for image, _ in some], [chance for _, chance in some]
+        trained = [image for k, image in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
+        self.images, self.chances = [image for image, _ in trained], [chance for _, chance in trained]
         self.seed = seed
         self.steps = max(1, len(self.images) // WINDOWS_PER_BATCH)
         self.crops = self.steps * min(WINDOWS_PER_BATCH, len(self.images))
@@ -102,7 +102,7 @@ class WindowTraining(ABC):
         """The network's histograms of windows (B, 1, 8R, 8C)."""
 
     @abstractmethod
-    def _batch(self, votes: Tensor, windows: Tensor) -> Any:
+    def _batch(self, histograms: Tensor, windows: Tensor) -> Any:
         """A batch of histograms and their windows."""
 
     def _window(self, image: Tensor, grid: tuple[int, int], rng: random.Random) -> Tensor:
@@ -144,8 +144,8 @@ class SignedTraining(WindowTraining):
     def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
         return SignedNetwork.recover(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
 
-    def _batch(self, votes: Tensor, windows: Tensor) -> _SignedBatch:
-        inputs = network_inputs(votes)
+    def _batch(self, histograms: Tensor, windows: Tensor) -> _SignedBatch:
+        inputs = network_inputs(histograms)
         return _SignedBatch(inputs.cells, inputs.integral, windows)
 
     def loss(self, network: nn.Module, batch: _SignedBatch) -> Tensor:
@@ -172,7 +172,7 @@ def _ssim(a: Tensor, b: Tensor) -> Tensor:
 class _UnsignedBatch(NamedTuple):
     """Histograms (B, 9, R, C) for the network, and normalised images of two pixels a cell, (B, 1, 2R, 2C)."""
 
-    votes: Tensor
+    histograms: Tensor
     images: Tensor
 
 
@@ -184,7 +184,7 @@ class UnsignedTraining(WindowTraining):
     an image, a mixture of the prediction and the true image, and its negative.  Windows of smaller cells are seen
     together with the prediction for cells twice as large, which has the right sign.
 
-    Votes are those of several dialects; for lossy descriptors they are recovered from the descriptor.
+    Histograms are those of several dialects; for lossy descriptors they are recovered from the descriptor.
     """
 
     default_crops = 300_000  # about an hour and a half on two cores, estimated from the time of a step
@@ -205,29 +205,29 @@ class UnsignedTraining(WindowTraining):
         return _turn(windows, rng)
 
     def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
-        """Votes from the histograms of windows or, for lossy dialects, their descriptors."""
+        """Those of windows or, for lossy dialects, their descriptors."""
         size = (windows.shape[2], windows.shape[3])
         if spec in LOSSY:
-            votes = recover_histograms(hog(windows, spec), spec, size, max_evaluations=RECOVERY_EVALUATIONS)
+            cells = recover_histograms(hog(windows, spec), spec, size, max_evaluations=RECOVERY_EVALUATIONS)
         else:
-            votes = histograms(windows, spec)
-        return UnsignedNetwork.rebin(votes, spec, size)
+            cells = histograms(windows, spec)
+        return UnsignedNetwork.rebin(cells, spec, size)
 
-    def _batch(self, votes: Tensor, windows: Tensor) -> _UnsignedBatch:
-        return _UnsignedBatch(votes, _make_target(windows))
+    def _batch(self, histograms: Tensor, windows: Tensor) -> _UnsignedBatch:
+        return _UnsignedBatch(histograms, _make_target(windows))
 
     def loss(self, network: UnsignedNetwork, batch: _UnsignedBatch) -> Tensor:
-        votes, images = batch
-        if max(votes.shape[2:]) > MAX_FIRST_CELLS:
+        histograms, images = batch
+        if max(histograms.shape[2:]) > MAX_FIRST_CELLS:
             with torch.no_grad():
-                coarser = network.coarser(votes, network.largest_cells(votes))
-            return mse_loss(network(votes, align_sign(coarser, images)), images)
-        regions = network(votes, torch.zeros_like(images))
+                coarser = network.coarser(histograms, network.largest_cells(histograms))
+            return mse_loss(network(histograms, align_sign(coarser, images)), images)
+        regions = network(histograms, torch.zeros_like(images))
         apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
         predicted = align_sign(normalise(regions.detach()), images)
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
-        odds = network.polarity(votes, predicted, normalise(share * images + (1 - share) * predicted))
+        odds = network.polarity(histograms, predicted, normalise(share * images + (1 - share) * predicted))
         return torch.minimum(apart, negative).mean() - logsigmoid(odds).mean()
 
     @torch.no_grad()
@@ -245,8 +245,10 @@ class UnsignedTraining(WindowTraining):
     def _odds(self, network: UnsignedNetwork, image: Tensor, spec: HOGSpec) -> Tensor:
         """(2,): log-odds of the prediction for a whole image, with the right sign, and of the image itself."""
         window, device = _resize_whole(image), network.polarity.out.weight.device
-        votes, target = (tensor.to(device) for tensor in (self._compute_histograms(window, spec), _make_target(window)))
-        largest = network.largest_cells(votes)
+        histograms, target = (
+            tensor.to(device) for tensor in (self._compute_histograms(window, spec), _make_target(window))
+        )
+        largest = network.largest_cells(histograms)
         predicted = align_sign(largest.regions, target)
         return torch.cat([network.log_odds(shown, largest) for shown in (predicted, target)]).cpu()
 

@@ -41,10 +41,10 @@ POLARITY_WIDTHS = (48, 96, 128)
 FLAT_UNIT_STD = 1e-6  # standard deviation below which an image of unit contrast counts as flat
 
 
-def compress(votes: Tensor) -> Tensor:
-    """Votes of any scale, compressed: log(1 + 4 · votes / their mean over the image)."""
-    mean = votes.mean(dim=(1, 2, 3), keepdim=True)
-    return torch.log1p(CONTRAST * votes / torch.where(mean > 0, mean, 1))
+def compress(histograms: Tensor) -> Tensor:
+    """Histograms of any scale, compressed: log(1 + 4 · votes / their mean over the image)."""
+    mean = histograms.mean(dim=(1, 2, 3), keepdim=True)
+    return torch.log1p(CONTRAST * histograms / torch.where(mean > 0, mean, 1))
 
 
 def normalise(images: Tensor) -> Tensor:
@@ -80,7 +80,7 @@ class _WholeImage(nn.Module):
 
 
 class _Polarity(nn.Module):
-    """From votes (B, 9, R, C) and images (B, 1, 2R, 2C) to log-odds (B,) that these are not negatives.
+    """From histograms (B, 9, R, C) and images (B, 1, 2R, 2C) to log-odds (B,) that these are not negatives.
 
     It also sees the prediction up to its sign, with the sign of the images.  The log-odds are a function of both minus
     the same function of their negatives.
@@ -107,23 +107,23 @@ class _Polarity(nn.Module):
         )
         self.out = nn.Linear(64, 1, bias=False)
 
-    def forward(self, votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
-        seen = pixel_unshuffle(torch.cat([align_sign(regions, images), images], dim=1), PIXELS_PER_CELL)
-        both = torch.cat([torch.cat([compress(votes), sign * seen], dim=1) for sign in (1.0, -1.0)])
-        one, negative = self.body(both).chunk(2)  # in one batch, so that both are normalised alike
-        odds: Tensor = self.out(one - negative)
+    def forward(self, histograms: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        pixels = pixel_unshuffle(torch.cat([align_sign(regions, images), images], dim=1), PIXELS_PER_CELL)
+        pairs = torch.cat([torch.cat([compress(histograms), sign * pixels], dim=1) for sign in (1.0, -1.0)])
+        positive, negative = self.body(pairs).chunk(2)  # in one batch, so that both are normalised alike
+        odds: Tensor = self.out(positive - negative)
         return odds.squeeze(1).float()
 
 
 class LargestCells(NamedTuple):
-    """Votes (B, 9, R, C) of the cells seen first, and the prediction for them, (B, 1, 2R, 2C), up to its sign."""
+    """Histograms (B, 9, R, C) of the cells seen first, and the prediction for them, (B, 1, 2R, 2C), up to its sign."""
 
-    votes: Tensor
+    histograms: Tensor
     regions: Tensor
 
 
 class UnsignedNetwork(PriorNetwork):
-    """From votes (B, 9, R, C) and coarser images (B, 1, 2R, 2C) to images of that size, up to their sign.
+    """From histograms (B, 9, R, C) and coarser images (B, 1, 2R, 2C) to images of that size, up to their sign.
 
     A U-Net, down to a quarter of the grid and up again, and the polarity; 5.3 million weights by default.
     """
@@ -148,9 +148,9 @@ class UnsignedNetwork(PriorNetwork):
         self.out = nn.Conv2d(widths[0], PIXELS_PER_CELL**2, 3, padding=1)
         self.polarity = _Polarity()
 
-    def forward(self, votes: Tensor, coarser: Tensor) -> Tensor:
+    def forward(self, histograms: Tensor, coarser: Tensor) -> Tensor:
         """Images of about unit variance; the coarser ones of zero mean and unit variance, or 0."""
-        x, levels = self.inp(torch.cat([compress(votes), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
+        x, levels = self.inp(torch.cat([compress(histograms), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
         for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
             levels.append(blocks(x))
             x = shrink(gelu(levels[-1]))
@@ -160,38 +160,38 @@ class UnsignedNetwork(PriorNetwork):
         return pixel_shuffle(self.out(gelu(x)), PIXELS_PER_CELL).float()
 
     @staticmethod
-    def rebin(votes: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+    def rebin(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """(B, 9, R, C), bins centred at 10°, 30°, …; cells are square, R and C are multiples of :data:`COARSEST`."""
-        tiling = rebin_cells(votes, spec, size, UNSIGNED_BINS, 0.5, math.pi)
+        tiling = rebin_cells(histograms, spec, size, UNSIGNED_BINS, 0.5, math.pi)
         height, width = (n * side for n, side in zip(tiling.shape[2:], spec.cell_size, strict=True))
         side = max(math.sqrt(spec.cell_size[0] * spec.cell_size[1]), max(height, width) / MAX_LAST_CELLS)
         return _resample(tiling, height / side, width / side)
 
     @staticmethod
-    def mirror(votes: Tensor) -> Tensor:
+    def mirror(histograms: Tensor) -> Tensor:
         """10° becomes 170°."""
-        return votes.flip(1, 3)
+        return histograms.flip(1, 3)
 
     def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], votes: Tensor | None = None
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
-        votes, inputs = self.recover(descriptor, spec, size, votes)
+        histograms, inputs = self.recover(descriptor, spec, size, histograms)
         largest = self.largest_cells(inputs)
         regions = self.predict_regions(inputs, largest)
         images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
-        return interpolate(images, size=size, mode="bicubic", align_corners=False), votes
+        return interpolate(images, size=size, mode="bicubic", align_corners=False), histograms
 
     def draw(
         self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int
     ) -> tuple[Tensor, Tensor]:
         """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
-        votes, inputs = self.recover(descriptor, spec, size)
-        images = [self._draw(one.unsqueeze(0), count, seed) for one in inputs]
-        return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), votes
+        histograms, inputs = self.recover(descriptor, spec, size)
+        images = [self._draw(cells.unsqueeze(0), count, seed) for cells in inputs]
+        return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), histograms
 
     def _draw(self, inputs: Tensor, count: int, seed: int) -> Tensor:
-        """Images (count, 1, 2R, 2C) for the votes (1, 9, R, C) of one descriptor, each with other channels dropped."""
+        """Images (count, 1, 2R, 2C) for histograms (1, 9, R, C) of a descriptor, each with other channels dropped."""
         network = copy.deepcopy(self)
         for layer in network.modules():
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
@@ -201,60 +201,62 @@ class UnsignedNetwork(PriorNetwork):
             largest = network.largest_cells(inputs)
             regions = network.predict_regions(inputs, largest)
             likely = torch.sigmoid(self.log_odds(regions, largest))
-            kept = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
-        return torch.where(kept, regions, -regions)
+            is_positive = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
+        return torch.where(is_positive, regions, -regions)
 
     def polarity_confidence(
-        self, images: Tensor, descriptor: Tensor, spec: HOGSpec, votes: Tensor | None = None
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec, histograms: Tensor | None = None
     ) -> Tensor:
         """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
-        _, inputs = self.recover(descriptor, spec, (images.shape[2], images.shape[3]), votes)
+        _, inputs = self.recover(descriptor, spec, (images.shape[2], images.shape[3]), histograms)
         return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
 
-    def largest_cells(self, votes: Tensor) -> LargestCells:
+    def largest_cells(self, histograms: Tensor) -> LargestCells:
         """What is seen at first, in cells so large that they are at most :data:`MAX_FIRST_CELLS` along a side."""
-        while max(votes.shape[2:]) > MAX_FIRST_CELLS:
-            votes = _enlarge_cells(votes)
-        nothing = votes.new_zeros(len(votes), 1, PIXELS_PER_CELL * votes.shape[2], PIXELS_PER_CELL * votes.shape[3])
-        return LargestCells(votes, self._average_mirrored(votes, nothing))
+        while max(histograms.shape[2:]) > MAX_FIRST_CELLS:
+            histograms = _enlarge_cells(histograms)
+        nothing = histograms.new_zeros(
+            len(histograms), 1, PIXELS_PER_CELL * histograms.shape[2], PIXELS_PER_CELL * histograms.shape[3]
+        )
+        return LargestCells(histograms, self._average_mirrored(histograms, nothing))
 
-    def predict_regions(self, votes: Tensor, largest: LargestCells) -> Tensor:
-        """Images up to their sign (B, 1, 2R, 2C) for votes (B, 9, R, C), given what was seen at first."""
-        if max(votes.shape[2:]) <= MAX_FIRST_CELLS:
+    def predict_regions(self, histograms: Tensor, largest: LargestCells) -> Tensor:
+        """Images up to their sign (B, 1, 2R, 2C) for histograms (B, 9, R, C), given what was seen at first."""
+        if max(histograms.shape[2:]) <= MAX_FIRST_CELLS:
             return largest.regions
-        return self._average_mirrored(votes, self.coarser(votes, largest))
+        return self._average_mirrored(histograms, self.coarser(histograms, largest))
 
-    def coarser(self, votes: Tensor, largest: LargestCells) -> Tensor:
+    def coarser(self, histograms: Tensor, largest: LargestCells) -> Tensor:
         """Images (B, 1, 2R, 2C) up to their sign, predicted for cells twice as large."""
-        regions = normalise(self.predict_regions(_enlarge_cells(votes), largest))
-        size = (PIXELS_PER_CELL * votes.shape[2], PIXELS_PER_CELL * votes.shape[3])
+        regions = normalise(self.predict_regions(_enlarge_cells(histograms), largest))
+        size = (PIXELS_PER_CELL * histograms.shape[2], PIXELS_PER_CELL * histograms.shape[3])
         return interpolate(regions, size=size, mode="bilinear", align_corners=False)
 
-    def _average_mirrored(self, votes: Tensor, coarser: Tensor) -> Tensor:
+    def _average_mirrored(self, histograms: Tensor, coarser: Tensor) -> Tensor:
         """The mean of the predictions for the image and for its mirror image, up to its sign."""
-        regions: Tensor = self(votes, coarser)
-        mirrored: Tensor = self(self.mirror(votes), coarser.flip(3))
+        regions: Tensor = self(histograms, coarser)
+        mirrored: Tensor = self(self.mirror(histograms), coarser.flip(3))
         return (regions + align_sign(mirrored.flip(3), regions)) / 2
 
     def log_odds(self, images: Tensor, largest: LargestCells) -> Tensor:
         """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image."""
-        votes, regions = largest
+        histograms, regions = largest
         size = (regions.shape[2], regions.shape[3])
         small = normalise(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
         regions = normalise(regions)
-        odds: Tensor = self.polarity(votes, regions, small)
-        mirrored: Tensor = self.polarity(self.mirror(votes), regions.flip(3), small.flip(3))
+        odds: Tensor = self.polarity(histograms, regions, small)
+        mirrored: Tensor = self.polarity(self.mirror(histograms), regions.flip(3), small.flip(3))
         return (odds + mirrored) / 2
 
 
-def _enlarge_cells(votes: Tensor) -> Tensor:
-    """Votes (B, 9, R, C) of cells about twice as large."""
-    return _resample(votes, votes.shape[2] / 2, votes.shape[3] / 2)
+def _enlarge_cells(histograms: Tensor) -> Tensor:
+    """Histograms (B, 9, R, C) of cells about twice as large."""
+    return _resample(histograms, histograms.shape[2] / 2, histograms.shape[3] / 2)
 
 
-def _resample(votes: Tensor, rows: float, cols: float) -> Tensor:
-    """Votes (B, 9, R, C) at a grid of about so many rows and columns, multiples of :data:`COARSEST`."""
+def _resample(histograms: Tensor, rows: float, cols: float) -> Tensor:
+    """Histograms (B, 9, R, C) at a grid of about so many rows and columns, multiples of :data:`COARSEST`."""
     grid = [max(LEAST_CELLS, round(n / COARSEST) * COARSEST) for n in (rows, cols)]
-    if list(votes.shape[2:]) == grid:
-        return votes
-    return interpolate(votes, size=grid, mode="bilinear", align_corners=False, antialias=True)
+    if list(histograms.shape[2:]) == grid:
+        return histograms
+    return interpolate(histograms, size=grid, mode="bilinear", align_corners=False, antialias=True)
