@@ -265,13 +265,11 @@ def _report(
 
 def _add_coarser(objective: Objective, before: Sequence[_LevelSettings], level: _LevelSettings) -> Objective:
     """``objective``, and that the image, shrunk, has the descriptors of the levels ``before``."""
-    priors = [
-        CoarserDescriptor(
-            COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), level.size[0] // small.size[0]
-        )
-        for small in before
-    ]
-    return replace(objective, priors=(*objective.priors, *priors))
+    priors = list(objective.priors)
+    for small in before:
+        factor = level.size[0] // small.size[0]
+        priors.append(CoarserDescriptor(COARSER_WEIGHT, small.descriptor, linear_vote_spec(small.spec), factor))
+    return replace(objective, priors=priors)
 
 
 def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Level]:

@@ -78,8 +78,8 @@ def reconstruct_as_published(
     image = as_returned(torch.cat([search.image for search in searches]), spec)
     iterates = None
     if options.keep_iterates:
-        kept = torch.cat([search.iterates.flatten(0, 1) for search in searches])
-        iterates = as_returned(kept, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
+        iterates = torch.cat([search.iterates.flatten(0, 1) for search in searches])
+        iterates = as_returned(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
     return replace(
         build_reconstruction(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
     )
@@ -145,8 +145,8 @@ class _Search(SearchRecord):
         images, most = self.objective.images(points), self.options.iterations
         if self.options.keep_iterates:
             later = torch.arange(most + 1, device=index.device) >= iterations.unsqueeze(1)  # (A, most + 1)
-            kept = torch.where(later[..., None, None, None], images.unsqueeze(1), self.iterates[index])
-            self.iterates[index] = kept
+            iterates = torch.where(later[..., None, None, None], images.unsqueeze(1), self.iterates[index])
+            self.iterates[index] = iterates
         if progress is not None:
             progress(int(iterations.max()), most)
         if self.watch is not None:
