@@ -53,7 +53,7 @@ class PoseRequest:
 
     mesh: str | None = option(
         None,
-        "a CAD model: OFF, PLY, STL, OBJ, GLB, or a folder of them (default: the chairs of nablahog.sample_chairs)",
+        "a CAD model: OFF, PLY, STL, OBJ, GLB, glTF, or a folder of them (default: those of nablahog.sample_chairs)",
         path("FILE_or_DIR"),
     )
     up: str | None = option(
