@@ -15,7 +15,7 @@ import nablahog
 from nablahog.cli.main import main, parser
 
 MOST_OPTIONS = 110  # of all commands
-MOST_LINES = 48  # of the help of one
+MOST_LINES = 44  # of the help of one
 
 
 def _commands(above: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
