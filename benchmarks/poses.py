@@ -32,8 +32,7 @@ from nablahog.metrics import VIEW_COUNTS, azimuth_error, rotation_error, same_vi
 from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
 from nablahog.paper.examples import render_examples
 from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
-from nablahog.render.mesh import load_meshes
-from nablahog.render.models import archived_models, check_models, read_models
+from nablahog.render.models import archived_models, check_models, load_meshes, read_models
 from timing import Summary, digits, summary, table
 
 WITHIN = 15.0  # degrees of azimuth

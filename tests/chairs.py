@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nablahog.paper.scenes import CHAIRS
 from nablahog.render import Mesh
-from nablahog.render.mesh import load_meshes
+from nablahog.render.models import load_meshes
 
 
 def chair(seed: int) -> Mesh:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from chairs import chair, library
 
-from nablahog.render.mesh import save_meshes
+from nablahog.render.models import save_meshes
 
 PACKAGE = Path(__file__).parents[2] / "src" / "nablahog"
 SCENE_CHAIRS = 24  # in the scenes of Table 2

@@ -13,7 +13,7 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
-from nablahog.render import companion_files, mesh_bytes, mesh_file, obj_file
+from nablahog.render import companion_files, mesh_file, obj_file, soup
 from nablahog.render.mesh import load_mesh
 
 from .mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb, write
@@ -144,4 +144,4 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "MAX_MESH_BYTES", 100)
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)
-    assert mesh_bytes.MAX_FACES >= 1_000_000
+    assert soup.MAX_FACES >= 1_000_000

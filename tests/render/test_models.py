@@ -12,8 +12,15 @@ import torch
 
 from nablahog import Mesh, sample_chairs
 from nablahog.paper.scenes import CHAIRS
-from nablahog.render.mesh import SAMPLE_CHAIRS, load_meshes, save_meshes
-from nablahog.render.models import Model, archived_models, check_models, read_models
+from nablahog.render.models import (
+    SAMPLE_CHAIRS,
+    Model,
+    archived_models,
+    check_models,
+    load_meshes,
+    read_models,
+    save_meshes,
+)
 
 TRIANGLE = "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 {height}\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"

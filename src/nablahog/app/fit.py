@@ -94,10 +94,7 @@ class Fitting:
             poses = self._poses(pose, place)
             values, derivatives = self.similarity.derivatives(poses)
             renderer = self.prepared.renderer(supersampling=PAGE_SUPERSAMPLING)
-            white, black = (
-                renderer.render(poses, torch.full((1, SIDE, SIDE), level), derivative=False).image[0]
-                for level in (1.0, 0.0)
-            )
+            white, black = (renderer.render(poses, level, derivative=False).image[0] for level in (1.0, 0.0))
         opacity = (1 - (white - black)).clamp(0, 1)
         own = torch.where(opacity > 0, black / torch.where(opacity > 0, opacity, 1), 0)
         return {

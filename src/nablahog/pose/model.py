@@ -24,7 +24,7 @@ from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
 from .crop import DISTANCE, FILL, SIDE, downsample_camera
-from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches, white_background
+from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches
 from .whitening import Background, Whitener, whitener_of
 
 Doubles = NDArray[np.float64]
@@ -144,10 +144,9 @@ def _described(
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
     if light is not LIGHT:
         renderer = Renderer(renderer.mesh, renderer.camera, light=light, supersampling=renderer.supersampling)
-    background = white_background(renderer.camera)
 
     def describe_views(some: Tensor) -> Tensor:
-        descriptors = describe(renderer.render(some, background, derivative=False).image[:, None], spec)
+        descriptors = describe(renderer.render(some, derivative=False).image[:, None], spec)
         return descriptors.flatten(1) / deviations(whitener.energies(descriptors))[:, None]
 
     return torch.cat(in_batches(describe_views, downsampled_poses(poses, shrink)))

@@ -22,7 +22,7 @@ from ..hog import hog
 from ..hog.box import Box
 from ..hog.descriptor import histograms, normalize
 from ..hog.spec import HOGSpec
-from ..render import Camera, Renderer
+from ..render import Renderer
 from ..render.camera import pose_vjp
 from ..runtime.pytorch import in_threads
 from .crop import ObjectCrop
@@ -144,11 +144,6 @@ def _slices(regions: Sequence[Box]) -> list[tuple[slice, slice]]:
     return [(region.rows, region.cols) for region in regions]
 
 
-def white_background(camera: Camera) -> Tensor:
-    """The white background of renderings, (1, H, W)."""
-    return torch.ones(1, camera.height, camera.width)
-
-
 def downsampled_poses(poses: Tensor, factor: int) -> Tensor:
     """Poses (B, 6) for a crop as those for one ``factor`` times smaller."""
     return poses if factor == 1 else torch.cat([poses[:, :4], poses[:, 4:] / factor], 1)
@@ -167,7 +162,6 @@ class Similarity:
 
     def __init__(self, renderer: Renderer, template: Template) -> None:
         self.renderer, self.template = renderer, template
-        self.background = white_background(renderer.camera)
         self.renderings = 0
 
     def values(self, poses: Tensor) -> Tensor:
@@ -186,11 +180,11 @@ class Similarity:
         return in_batches(work, downsampled_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
-        rendering = self.renderer.render(poses, self.background, derivative=False)
+        rendering = self.renderer.render(poses, derivative=False)
         return self.template.similarities(rendering.image[:, None]).double()
 
     def _derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
-        rendering = self.renderer.render(poses, self.background, derivative=True)
+        rendering = self.renderer.render(poses, derivative=True)
         values, grad_images = self.template.similarities_and_gradients(rendering.image[:, None])
         grad_poses = pose_vjp(grad_images[:, 0], rendering.screen_gradient, poses, self.renderer.camera)
         return values.double(), grad_poses.double()

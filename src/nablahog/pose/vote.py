@@ -30,7 +30,6 @@ from .model import (
 )
 from .options import SearchTrace
 from .photograph import PreparedPhotograph
-from .similarity import white_background
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
@@ -250,8 +249,7 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     """Share of the views of a model whose azimuth the prior tells."""
     azimuths = equidistant_azimuths(_KNOWN_VIEWS)
     poses = fit_to_box(level_poses(azimuths, _KNOWN_ELEVATION), model.hull, model.camera, FILL)
-    background = white_background(model.camera)
-    views = model.renderer(detail=DETAIL).render(poses, background, derivative=False).image[:, None]
+    views = model.renderer(detail=DETAIL).render(poses, derivative=False).image[:, None]
     likely = prior.log_probabilities(views).argmax(1) * (360 / VIEW_COUNT)
     return float((signed_angles(likely - azimuths).abs() <= SAME_SIDE).double().mean())
 

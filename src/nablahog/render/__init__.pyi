@@ -12,7 +12,8 @@ from .conventions import (
     to_pascal3d as to_pascal3d,
     to_pytorch3d as to_pytorch3d,
 )
-from .mesh import Mesh as Mesh, load_mesh as load_mesh, sample_chairs as sample_chairs
+from .mesh import Mesh as Mesh, load_mesh as load_mesh
+from .models import sample_chairs as sample_chairs
 from .rasterize import depth_and_normals as depth_and_normals
 from .renderer import Renderer as Renderer, render as render, silhouette as silhouette
 from .surface import Light as Light

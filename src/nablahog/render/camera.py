@@ -188,7 +188,7 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
     >>> from nablahog.render import Renderer, pose, pose_jacobian
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
-    >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> drawn = Renderer(mesh, camera).render(poses, derivative=True)
     >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6, 32, 32])
     """
@@ -214,7 +214,7 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     >>> from nablahog.render import Renderer, pose, pose_vjp
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
-    >>> drawn = Renderer(mesh, camera).render(poses, torch.ones(1, 32, 32), derivative=True)
+    >>> drawn = Renderer(mesh, camera).render(poses, derivative=True)
     >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6])
     """

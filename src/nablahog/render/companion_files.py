@@ -14,8 +14,7 @@ from PIL import Image
 
 from ..io.files import local_name
 from ..io.pixels import has_8_bits, pixel_values
-from .mesh_bytes import as_utf8
-from .polygons import Floats, to_gray
+from .soup import Floats, as_utf8, to_gray
 
 MAX_BYTES_BESIDE = 2**29  # of all files that another names
 LONGEST_NAME = 1000  # characters of the name of such a file

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .mesh_bytes import MAX_FACES
+from .soup import MAX_FACES
 
 MAX_NODES = 10_000  # in a GLB
 MAX_JSON_BYTES = 2**24  # Python's objects take about thirty times as many

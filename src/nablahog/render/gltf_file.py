@@ -25,7 +25,7 @@ from .gltf_checks import (
     check_tree,
     read_count,
 )
-from .polygons import BRIGHTNESS, Floats, Integers, Soup, to_gray
+from .soup import BRIGHTNESS, Floats, Integers, Soup, to_gray
 
 
 def read_gltf(data: bytes, companions: CompanionFiles) -> Iterator[Soup]:

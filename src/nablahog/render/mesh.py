@@ -1,28 +1,18 @@
-"""Triangle meshes, from files and archives: vertices V, faces, and per-vertex brightness A."""
+"""Triangle meshes, from files: vertices V, faces, and per-vertex brightness A."""
 
 from __future__ import annotations
 
-import json
-import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
-from ..io.arrays import check_format, naming, read_arrays, read_text, write_arrays
 from ..io.input_file import Readable, input_file
 from ..runtime.text import describe_type
 from .mesh_file import read_soup
-from .polygons import Soup, find_distinct
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from .soup import Integers, find_distinct
 
 FLAT_AREA = 1e-12
 """Twice the area at or below which a triangle has no area, where the diagonal of the mesh's bounding box is 1."""
@@ -30,10 +20,7 @@ FLAT_AREA = 1e-12
 FRONTS = {"z": "-y", "y": "+z"}
 """The axis that the front of CAD models usually looks along, by the axis that points up."""
 
-SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
 Y_UP = (".obj", ".glb", ".gltf")
-_FORMAT = 1  # of an archive
-_ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,7 +134,7 @@ def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None
 
     The file is not trusted.  It is refused before it is unpacked if it has too many faces, or if the accessors, nodes
     or textures of a GLB would take much more memory than the file has bytes; the limits are constants of
-    :mod:`.mesh_bytes`, :mod:`.obj_file`, :mod:`.gltf_checks` and :mod:`.companion_files`.  Of the files that it names,
+    :mod:`.soup`, :mod:`.obj_file`, :mod:`.gltf_checks` and :mod:`.companion_files`.  Of the files that it names,
     only those in the same folder or below are read, and ShapeNet's in ``../images``; materials and textures that cannot
     be read are ignored.  Nothing is downloaded.
 
@@ -180,14 +167,12 @@ def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None
             [-0.3000,  0.0000,  0.4000]], dtype=torch.float64)
     """
     file = input_file(path)
-    turned = axes(up or ("y" if file.ending in Y_UP else "z"), front).astype(np.float64)
-    soup = read_soup(file)
-    soup = Soup(soup.vertices @ turned.T, soup.faces, soup.brightness)
+    turn = np.eye(4)
+    turn[:3, :3] = axes(up or ("y" if file.ending in Y_UP else "z"), front)
+    vertices, faces, brightness = read_soup(file)
     try:
-        turn = torch.eye(4, dtype=torch.float64)
-        turn[:3, :3] = torch.from_numpy(turned)
-        vertices, faces, brightness = map(torch.from_numpy, (soup.vertices, soup.faces, soup.brightness))
-        whole = Mesh(vertices, faces, brightness, turn).normalized()
+        arrays = vertices @ turn[:3, :3].T, faces, brightness, turn
+        whole = Mesh(*map(torch.from_numpy, arrays)).normalized()
         return _tidy(whole).normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
@@ -238,62 +223,3 @@ def _axis(name: str, text: str) -> Integers:
         raise ValueError(f"{name} must be one of x, y and z, with a sign or without, got {text!r}")
     sign = -1 if match[1] == "-" else 1
     return np.array([sign * (axis == match[2]) for axis in "xyz"])
-
-
-def sample_chairs() -> dict[str, Mesh]:
-    """40 chairs of fifteen kinds by name: models to search among where no others are given.
-
-    They are procedural, made by ``examples/chairs``, and under the licence of the package.
-
-    Returns:
-        Normalised meshes in the object's frame (z up, front to -y) of closed solids, which overlap where they meet; the
-        same objects each time.  A name is the kind and a number, as ``"swivel-2"``.  Stools have no back, and look the
-        same from several sides.
-
-    >>> chairs = nablahog.sample_chairs()
-    >>> len(chairs), list(chairs)[:2]
-    (40, ['wooden-0', 'wooden-1'])
-    >>> mesh = chairs["swivel-2"]
-    >>> round(float((mesh.vertices.amax(0) - mesh.vertices.amin(0)).norm()), 5)  # the diagonal of its bounding box
-    1.0
-    """
-    return dict(load_meshes(SAMPLE_CHAIRS))
-
-
-@lru_cache
-def load_meshes(path: Path) -> dict[str, Mesh]:
-    """The meshes by name that :func:`save_meshes` wrote, read once.
-
-    Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is not such an archive, or is damaged.
-    """
-    arrays = read_arrays(path, "mesh archive", _ARRAYS)
-    with naming(path):
-        check_format(arrays, "mesh archive", _FORMAT)
-        ends = arrays["ends"].astype(np.int64)
-        numbers = zip(*(np.split(arrays[name], ends[:-1, k]) for k, name in enumerate(_ARRAYS[3:])), strict=True)
-        meshes = (Mesh(v.astype(np.float64), f.astype(np.int64), b.astype(np.float64)) for v, f, b in numbers)
-        return dict(zip(json.loads(read_text(arrays, "names")), meshes, strict=True))
-
-
-def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype: DTypeLike = np.float32) -> None:
-    """Writes meshes to an .npz archive: vertices and brightness in ``dtype``, faces in 16 bits.
-
-    Raises:
-        OSError: the file cannot be written.
-        OverflowError: a mesh has more than 65,536 vertices.
-    """
-    arrays_of_meshes = [
-        (mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()
-    ]
-    if any(len(vertices) > 2**16 for vertices, _, _ in arrays_of_meshes):
-        raise OverflowError("expected meshes of at most 65,536 vertices")
-    dtypes = (dtype, np.uint16, dtype)
-    whole = [
-        np.concatenate(parts).astype(kind)
-        for parts, kind in zip(zip(*arrays_of_meshes, strict=True), dtypes, strict=True)
-    ]
-    ends = np.cumsum([[len(part) for part in parts] for parts in arrays_of_meshes], axis=0)
-    arrays = {"names": json.dumps(list(meshes)), "ends": ends, **dict(zip(_ARRAYS[3:], whole, strict=True))}
-    write_arrays(path, _FORMAT, arrays, compressed=True)

@@ -14,11 +14,10 @@ from ..io.input_file import InputFile
 from ..runtime.text import one_line
 from .companion_files import CompanionFiles
 from .gltf_file import read_gltf
-from .mesh_bytes import MAX_FACES, MAX_MESH_BYTES, as_utf8
 from .obj_file import read_obj
 from .off_file import read_off
 from .ply_file import read_ply
-from .polygons import Soup, check_corners
+from .soup import MAX_FACES, MAX_MESH_BYTES, Soup, as_utf8, check_corners
 from .stl_file import read_stl
 
 MAX_PLY_ROWS = 4 * MAX_FACES  # vertices, faces and edges
@@ -53,7 +52,7 @@ def read_soup(file: InputFile) -> Soup:
         warnings.simplefilter("ignore")  # NumPy warns of odd numbers
         warnings.simplefilter("error", Image.DecompressionBombWarning)  # a texture too large counts as unreadable
         try:
-            return _join(list(_pieces(file, kind)))
+            return _join(list(_read_pieces(file, kind)))
         except Exception as error:  # parsers of damaged files raise nearly anything
             reason = _reason(error)
             raise ValueError(f"{file}: expected a mesh in the format {kind}, but it cannot be read: {reason}") from None
@@ -69,24 +68,25 @@ def _reason(error: Exception) -> str:
     return known or one_line(text, 300) or type(error).__name__
 
 
-def _pieces(file: InputFile, kind: str) -> Iterator[Soup]:
+def _read_pieces(file: InputFile, kind: str) -> Iterator[Soup]:
     """The triangles of the file's geometries, which are at most :data:`MAX_FACES`."""
-    data, count = file.read(), 0
-    companions = CompanionFiles(Path(file.name).parent if file.content is None else None)
-    for soup in _read(data, kind, companions):
+    count = 0
+    for soup in _read(file, kind):
         count += len(soup.faces)
         if count > MAX_FACES:
             raise ValueError(f"at most {MAX_FACES:,} faces are allowed, got {count:,}")
         yield soup
 
 
-def _read(data: bytes, kind: str, companions: CompanionFiles) -> Iterable[Soup]:
+def _read(file: InputFile, kind: str) -> Iterable[Soup]:
+    data = file.read()
     if kind == "OFF":
         return [read_off(as_utf8(data).decode())]
-    if kind == "PLY":
-        return [read_ply(data, MAX_PLY_ROWS, companions.sample)]
     if kind == "STL":
         return [read_stl(data, MAX_FACES)]
+    companions = CompanionFiles(Path(file.name).parent if file.content is None else None)
+    if kind == "PLY":
+        return [read_ply(data, MAX_PLY_ROWS, companions.sample)]
     if kind == "OBJ":
         return [read_obj(data, companions)]
     return read_gltf(data, companions)

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import DTypeLike
+
+from ..io.arrays import check_format, naming, read_arrays, read_text, write_arrays
 from ..io.files import check_folder
 from ..runtime.text import to_unicode
-from .mesh import Mesh, load_mesh, load_meshes
+from .mesh import Mesh, load_mesh
 from .mesh_file import ENDINGS
+
+SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
 
 DEEPEST = 4  # folders below the one that is named
 CACHED = 1024  # meshes: reading one takes longer than many searches
 _ARCHIVE = ".npz"
+_FORMAT = 1  # of an archive
+_ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
 _BESIDE = (".mtl", ".jpg", ".jpeg", ".png", ".bmp", ".tga")  # files that an OBJ refers to
 
 
@@ -60,7 +69,7 @@ def _read_mesh(model: Model, file: Path, changed: int, size: int) -> Mesh:
 
 
 def archived_models(path: Path) -> list[Model]:
-    """Lists the models in an archive of meshes; raises what :func:`.mesh.load_meshes` does."""
+    """Lists the models in an archive of meshes; raises what :func:`load_meshes` does."""
     return [Model(name, path) for name in load_meshes(path)]
 
 
@@ -142,3 +151,62 @@ def check_models(
         first = "no model can be read; the first: " if len(models) > 1 else ""
         raise ValueError(f"{first}{models[0].file}: {failed[models[0].name]}")
     return readable, failed
+
+
+def sample_chairs() -> dict[str, Mesh]:
+    """40 chairs of fifteen kinds by name: models to search among where no others are given.
+
+    They are procedural, made by ``examples/chairs``, and under the licence of the package.
+
+    Returns:
+        Normalised meshes in the object's frame (z up, front to -y) of closed solids, which overlap where they meet; the
+        same objects each time.  A name is the kind and a number, as ``"swivel-2"``.  Stools have no back, and look the
+        same from several sides.
+
+    >>> chairs = nablahog.sample_chairs()
+    >>> len(chairs), list(chairs)[:2]
+    (40, ['wooden-0', 'wooden-1'])
+    >>> mesh = chairs["swivel-2"]
+    >>> round(float((mesh.vertices.amax(0) - mesh.vertices.amin(0)).norm()), 5)  # the diagonal of its bounding box
+    1.0
+    """
+    return dict(load_meshes(SAMPLE_CHAIRS))
+
+
+@lru_cache
+def load_meshes(path: Path) -> dict[str, Mesh]:
+    """The meshes by name that :func:`save_meshes` wrote, read once.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is not such an archive, or is damaged.
+    """
+    arrays = read_arrays(path, "mesh archive", _ARRAYS)
+    with naming(path):
+        check_format(arrays, "mesh archive", _FORMAT)
+        ends = arrays["ends"].astype(np.int64)
+        numbers = zip(*(np.split(arrays[name], ends[:-1, k]) for k, name in enumerate(_ARRAYS[3:])), strict=True)
+        meshes = (Mesh(v.astype(np.float64), f.astype(np.int64), b.astype(np.float64)) for v, f, b in numbers)
+        return dict(zip(json.loads(read_text(arrays, "names")), meshes, strict=True))
+
+
+def save_meshes(path: str | os.PathLike[str], meshes: Mapping[str, Mesh], dtype: DTypeLike = np.float32) -> None:
+    """Writes meshes to an .npz archive: vertices and brightness in ``dtype``, faces in 16 bits.
+
+    Raises:
+        OSError: the file cannot be written.
+        OverflowError: a mesh has more than 65,536 vertices.
+    """
+    arrays_of_meshes = [
+        (mesh.vertices.numpy(), mesh.faces.numpy(), mesh.brightness.numpy()) for mesh in meshes.values()
+    ]
+    if any(len(vertices) > 2**16 for vertices, _, _ in arrays_of_meshes):
+        raise OverflowError("expected meshes of at most 65,536 vertices")
+    dtypes = (dtype, np.uint16, dtype)
+    whole = [
+        np.concatenate(parts).astype(kind)
+        for parts, kind in zip(zip(*arrays_of_meshes, strict=True), dtypes, strict=True)
+    ]
+    ends = np.cumsum([[len(part) for part in parts] for parts in arrays_of_meshes], axis=0)
+    arrays = {"names": json.dumps(list(meshes)), "ends": ends, **dict(zip(_ARRAYS[3:], whole, strict=True))}
+    write_arrays(path, _FORMAT, arrays, compressed=True)

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .companion_files import CompanionFiles
-from .mesh_bytes import MAX_FACES, as_lines, as_numbers
-from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
+from .soup import BRIGHTNESS, MAX_FACES, Floats, Integers, Soup, as_lines, as_numbers, check_corners, make_soup, to_gray
 
 MAX_MATERIALS = 10_000  # in an OBJ
 MAX_LIBRARIES = 100  # MTL files of an OBJ

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from .polygons import BRIGHTNESS, Floats, Soup, make_soup, to_gray
+from .soup import BRIGHTNESS, Floats, Soup, make_soup, to_gray
 
 # letters before the keyword: texture coordinates, colours, normals, and two that are not read
 _KEYWORD = re.compile(r"((?:ST)?C?N?(?:ST)?)(4?n?)(?:OFF|off)\b", re.ASCII)

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh_bytes import as_utf8
-from .polygons import BRIGHTNESS, Floats, Integers, Soup, check_corners, make_soup, to_gray
+from .soup import BRIGHTNESS, Floats, Integers, Soup, as_utf8, check_corners, make_soup, to_gray
 
 MAX_HEADER_BYTES = 2**20
 _TYPES = {

@@ -66,7 +66,6 @@ class Renderer:
     Raises:
         TypeError, ValueError: ``mesh``, ``method`` or ``supersampling`` is none of the above.
 
-    >>> import torch
     >>> from nablahog.render import Camera, Mesh, Renderer, pose
     >>> corners = [[-0.5, 0, -0.5], [0.5, 0, -0.5], [0, 0, 0.5]]  # a triangle that faces the camera
     >>> mesh = Mesh(corners, faces=[[0, 1, 2]], brightness=[0.2, 0.2, 0.2])
@@ -128,41 +127,39 @@ class Renderer:
         check_poses(poses)
         behind, mesh = self._background(background, poses), self.mesh
         # an optimiser may have changed the mesh since the last call: compute its brightness anew
-        shape = any(part.requires_grad or is_differentiated(part) for part in (mesh.vertices, mesh.brightness))
+        by_mesh = any(part.requires_grad or is_differentiated(part) for part in (mesh.vertices, mesh.brightness))
         in_torch = behind.dtype == torch.float64 or mesh.vertices.device.type != "cpu"
-        if shape or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
-            brightness = corner_brightness(mesh, self._groups, self.light) if shape else self._brightness
-            view, camera = poses.double(), self.camera
-            image = render_torch(mesh, brightness, self.edges, view, camera, behind, self.supersampling, self.method)
+        if by_mesh or in_torch or (isinstance(background, Tensor) and is_differentiated(background)):
+            brightness = corner_brightness(mesh, self._groups, self.light) if by_mesh else self._brightness
+            view = poses.double(), self.camera, behind
+            image = render_torch(mesh, brightness, self.edges, *view, self.supersampling, self.method)
             return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
         inputs = poses.double(), behind, self, is_differentiated(poses)
-        images: Tensor = _PoseRendering.apply(*inputs)[0]  # type: ignore[no-untyped-call]
-        return images[:, None]
+        return _PoseRendering.apply(*inputs)[0][:, None]  # type: ignore[no-any-return, no-untyped-call]
 
-    def render(self, poses: Tensor, background: Tensor, *, derivative: bool) -> Rendering:
+    def render(self, poses: Tensor, background: float | Tensor = 1.0, *, derivative: bool) -> Rendering:
         """Images, and on request the screen gradient, which :func:`.pose_vjp` and :func:`.pose_jacobian` take.
 
         For searches: nothing is recorded for autograd.  The result does not depend on the number of threads.
 
         Args:
             poses: (B, 6), float64, see :data:`.camera.PARAMETERS`; not checked.
-            background: (1 or B, H, W), brightness in 0…1.
+            background: a brightness in 0…1, or images of it, (1 or B, H, W).
             derivative: whether to compute the screen gradient.
         """
-        mesh, camera = self.mesh, self.camera
+        camera, shape = self.camera, (len(poses), self.camera.height, self.camera.width)
+        behind = torch.as_tensor(background, dtype=torch.float32, device=poses.device).detach().expand(shape)
         if not native.can_read(poses):
-            how = background.float(), self.supersampling, self.method, derivative
+            how = self.supersampling, self.method, derivative
             with torch.no_grad():
-                images = render_torch(mesh, self._brightness, self.edges, poses, camera, *how)
+                images = render_torch(self.mesh, self._brightness, self.edges, poses, camera, behind, *how)
             return Rendering(images[:, 0].clone(), images[:, 1:].clone())
-        shape = len(poses), camera.height, camera.width
-        # filled by NumPy: PyTorch would wake its own threads, which keep processors busy while they wait
-        image = np.broadcast_to(background.detach().numpy(), shape).astype(np.float32, order="C")
+        # copied by NumPy: PyTorch would wake its own threads, which keep processors busy while they wait
+        image = behind.numpy().astype(np.float32, order="C")
         screen_gradient = np.zeros((len(poses), 4 * derivative, *shape[1:]), np.float32)
-        numbers, pointer = poses.detach().contiguous(), screen_gradient.ctypes.data if derivative else None
-        drawing = self.supersampling, self.method == "edges"
-        arguments = *self._native_arguments, camera.focal, *shape[1:], *drawing, numbers
-        run_in_threads(_render, len(poses), arguments, (image, pointer))
+        pointer = screen_gradient.ctypes.data if derivative else None
+        view = camera.focal, *shape[1:], self.supersampling, self.method == "edges", poses.detach().contiguous()
+        run_in_threads(_render, len(poses), (*self._native_arguments, *view), (image, pointer))
         return Rendering(torch.from_numpy(image), torch.from_numpy(screen_gradient))
 
     @cached_property
@@ -227,7 +224,6 @@ def render(
 
     Source: Section 3.2, f(V, A, C).
 
-    >>> import torch
     >>> from nablahog.render import Camera, Mesh, pose, render
     >>> square = [[-0.5, 0, -0.5], [0.5, 0, -0.5], [0.5, 0, 0.5], [-0.5, 0, 0.5]]
     >>> mesh = Mesh(square, faces=[[0, 1, 2], [0, 2, 3]], brightness=[0.0, 0.0, 0.0, 0.0])

@@ -7,8 +7,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from .mesh_bytes import as_numbers, as_utf8
-from .polygons import BRIGHTNESS, GRAY, Floats, Soup
+from .soup import BRIGHTNESS, GRAY, Floats, Soup, as_numbers, as_utf8
 
 _HEADER = 80  # bytes
 _EXPECTED_FACET = "a facet must have three corners of three numbers each, with decimal points"

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from .. import native
 from .mesh import Mesh
-from .polygons import find_distinct
+from .soup import find_distinct
 
 _DOUBLES, _INDICES = native.array(np.float64), native.array(np.int64)
 _collapse = native.function("collapse", _DOUBLES, c_int64, _INDICES, c_int64, c_double, _INDICES)

@@ -21,7 +21,7 @@ from nablahog.cli.main import main
 from nablahog.io.images import write_image
 from nablahog.io.lists import read_objects
 from nablahog.render import Mesh, load_mesh
-from nablahog.render.mesh import save_meshes
+from nablahog.render.models import save_meshes
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
 from ...paper.common import run_in_this_process

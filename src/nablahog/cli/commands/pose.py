@@ -21,8 +21,8 @@ from ...pose import estimate_pose
 from ...pose.crop import apply_mask
 from ...pose.options import Lens
 from ...pose.result import pose_figures
-from ...render.mesh import SAMPLE_CHAIRS, Y_UP, axes
-from ...render.models import Model, archived_models, check_models, read_models
+from ...render.mesh import Y_UP, axes
+from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
 from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.text import to_unicode

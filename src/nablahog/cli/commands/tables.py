@@ -27,8 +27,7 @@ from ...paper.scenes import CHAIRS
 from ...paper.table1 import run_table1, write_table1
 from ...paper.table2 import run_table2, write_table2
 from ...paper.tables import Results
-from ...render.mesh import SAMPLE_CHAIRS
-from ...render.models import Model, archived_models, check_models, read_models
+from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
 from ...runtime.text import counted
 from ..arguments.parsers import HARDER, SCENES
 from ..terminal import counter, print_table, say, say_ignored, say_page

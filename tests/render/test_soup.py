@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from nablahog.render.polygons import MOST_CORNERS, triangulate
+from nablahog.render.soup import MOST_CORNERS, triangulate
 
 
 def _area(points: NDArray[np.float64]) -> NDArray[np.float64]:
