@@ -22,9 +22,10 @@ import torch
 from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.invert.histograms import recover_histograms, starting_images
+from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.prior.terms import RelativeSmoothness
-from nablahog.invert.search import EXPONENT, PreimageObjective
+from nablahog.invert.search import BASIS_EXPONENT, PreimageObjective
+from nablahog.invert.starts import starting_images
 from nablahog.invert.unknowns import CosineBasis, FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser
 from preimages import photographs
@@ -41,7 +42,7 @@ def search(
     """Evaluations, seconds and smallest distance after each call of the objective, for one image (1, 1, H, W)."""
     descriptor = hog(image, spec)
     votes = recover_histograms(descriptor, spec)
-    basis = CosineBasis(SIDE, SIDE, descriptor, EXPONENT)
+    basis = CosineBasis(SIDE, SIDE, descriptor, BASIS_EXPONENT)
     flat = FlatRegions(descriptor, spec, SIDE, SIDE)
     evaluations: list[int] = []
     seconds: list[float] = []

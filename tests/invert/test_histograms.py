@@ -17,20 +17,15 @@ from nablahog.hog.gradient import gradient
 from nablahog.hog.normalizers.four_block import Outside, Texture
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
-from nablahog.invert.block_levels import histograms_without_clip
 from nablahog.invert.histograms import (
-    integrate,
+    histograms_without_clip,
     linear_vote_spec,
-    match_contrast,
-    mean_gradient,
-    noise,
     normalization_error,
-    pair_noise,
     rebin_cells,
     recover_histograms,
-    starting_images,
 )
 from nablahog.invert.reconstruction import to_unit_range
+from nablahog.invert.starts import integrate, match_contrast, mean_gradient, noise, pair_noise, starting_images
 
 from ..hog.zoo import NORMALIZERS, sized
 from .photographs import correlation, photograph

@@ -22,17 +22,11 @@ from nablahog.invert import (
     reconstruct_samples,
     scale_descriptors,
 )
-from nablahog.invert.histograms import (
-    integrate,
-    linear_vote_spec,
-    mean_gradient,
-    recover_histograms,
-    set_nominal_contrast,
-    starting_images,
-)
+from nablahog.invert.histograms import linear_vote_spec, recover_histograms, set_nominal_contrast
 from nablahog.invert.prior.learned import PRIOR_FOLDER, network_class
 from nablahog.invert.prior.signed_network import INPUT_SPEC, Architecture, SignedNetwork, network_inputs
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
+from nablahog.invert.starts import integrate, mean_gradient, starting_images
 from nablahog.invert.unknowns import to_cosines
 
 from ..io import tiny_models

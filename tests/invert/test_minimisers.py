@@ -13,9 +13,10 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.invert import Objective, Search, default_prior, preimage, search
-from nablahog.invert.histograms import noise, recover_histograms
+from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.prior.terms import GrayRange, RelativeSmoothness
 from nablahog.invert.search import PreimageSearch
+from nablahog.invert.starts import noise
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import MINIMISERS, Minimiser, Minimum, StopReason
 from nablahog.optimize.lbfgs import LbfgsSearch

@@ -14,7 +14,7 @@ from torch.nn.functional import avg_pool2d
 from nablahog import HOGSpec, hog, presets
 from nablahog.invert import Level, Objective, Search, multiscale, reconstruct_multiscale, scale_descriptors
 from nablahog.invert.multiscale import SCALES, level_spec
-from nablahog.invert.signs import find_negatives, negate
+from nablahog.invert.reconstruction import find_negatives, negate
 
 from .photographs import correlation, photograph
 

@@ -14,18 +14,16 @@ from torch.nn.functional import avg_pool2d
 
 from nablahog import HOGSpec, presets
 from nablahog.hog.descriptor import histograms
-from nablahog.invert.signs import (
+from nablahog.invert.polarity import CUE_WEIGHTS, brightness_cues
+from nablahog.invert.reconstruction import find_negatives, negate
+from nablahog.invert.starts import (
     BACKGROUND,
     COUPLING,
-    FAINT,
+    FAINT_SHARE,
     ROUNDINGS,
     TRUST,
-    WEIGHTS,
-    brightness_cues,
     dominant_gradient,
     expected_cells,
-    find_negatives,
-    negate,
     signed_cells,
 )
 
@@ -82,7 +80,7 @@ def least_squares(votes: Tensor, spec: HOGSpec, trust: float, background: float)
                 equations.append(math.sqrt(COUPLING) * difference)
                 pulls.append(torch.zeros_like(pull))
     total = votes[0].sum(dim=0)
-    faint = torch.exp(-total / (FAINT * total.mean()))
+    faint = torch.exp(-total / (FAINT_SHARE * total.mean()))
     faint[1:-1, 1:-1] = 0
     for cell, weight in enumerate(faint.flatten().tolist()):
         away = -(faint / faint.sum())
@@ -183,7 +181,7 @@ def test_a_large_grid_is_solved_at_half_its_resolution(size: tuple[int, int], mo
     image = scene("bump", 8 * size[0], 8 * size[1])
     votes = histograms(image, spec)
     full = signed_cells(votes, spec, seed=0)
-    monkeypatch.setattr("nablahog.invert.signs.MAX_CELLS", 64)
+    monkeypatch.setattr("nablahog.invert.starts.MAX_CELLS", 64)
     halved = signed_cells(votes, spec, seed=0)
     assert halved.images.shape == full.images.shape == (1, ROUNDINGS, *size)
     assert halved.energy.shape == (1, ROUNDINGS)
@@ -231,7 +229,7 @@ def test_the_weighted_cues_decide_for_each_image_of_a_batch() -> None:
     images = torch.cat([images, 1 - images])
     which, confidence = find_negatives(images)
     assert confidence is None
-    assert torch.equal(which, (brightness_cues(images) * torch.tensor(WEIGHTS)).sum(dim=1) < 0)
+    assert torch.equal(which, (brightness_cues(images) * torch.tensor(CUE_WEIGHTS)).sum(dim=1) < 0)
     assert torch.equal(which[:6], ~which[6:])
     made = negate(images, which)
     torch.testing.assert_close(made[:6], made[6:])

@@ -15,8 +15,9 @@ from ..hog.gradient import gray
 from ..hog.spec import HOGSpec
 from ..invert import Iterate, Reconstruction, reconstruct
 from ..invert.arguments import find_quality
-from ..invert.histograms import linear_vote_spec, recover_histograms, starting_images
+from ..invert.histograms import linear_vote_spec, recover_histograms
 from ..invert.reconstruction import make_first_iterate
+from ..invert.starts import starting_images
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from .lines import for_inversion

@@ -42,7 +42,7 @@ def covered_cells(spec: HOGSpec, size: tuple[int, int]) -> tuple[Tensor, Tensor]
     return rows, cols
 
 
-def of_nearest_cells(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+def fill_from_nearest(entries: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Entries (B, n, …) of :func:`cell_entries` for all cells of an image: missing ones are the nearest cell's."""
     for axis, covered in enumerate(covered_cells(spec, size)):
         described, cells = covered.nonzero().squeeze(1), torch.arange(len(covered), device="cpu")

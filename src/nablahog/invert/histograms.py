@@ -1,14 +1,11 @@
-"""The start of a search, from the descriptor alone: cell histograms, and the smooth image that they integrate to.
+"""Cell histograms recovered from a descriptor.
 
 Normalisation seems to destroy the contrast of each cell.  But a descriptor holds each histogram divided by the energies
 of several neighbourhoods, and these overlap.  So the histograms before Eq. 7 can be recovered, up to one factor for the
-whole image.
-
-A signed histogram holds the mean gradient of its cell, Σ_b h_b · direction of b: the gradient field at low resolution.
-Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a blurred
-version of the image.  A descent from noise alone would have to build that from randomly oriented pixels, and would keep
-some of their randomness.  An unsigned histogram has no such mean: there the image follows from estimated signs of the
-gradients (:mod:`.signs`).
+whole image: by least squares.  For four-block descriptors all but the clip has a closed form, the start of the search:
+a texture channel is t = c · Σ_o min(h_o / N, clip), of a cell h and one of its four blocks, with energy N².  Without
+the clip it is the ratio of the cell's level Σ_o h_o to N, so the levels of the cells of one block are known relative to
+each other.  Over all blocks, their logarithms solve Poisson's equation.
 """
 
 from __future__ import annotations
@@ -18,24 +15,28 @@ from dataclasses import replace
 
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate, pad
 
-from ..hog.descriptor import histograms, normalize
-from ..hog.entries import CellAlignment, cell_entries, mean_over_colours, of_nearest_cells
+from ..hog.descriptor import normalize
+from ..hog.entries import CellAlignment, cell_entries, fill_from_nearest, mean_over_colours
+from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockNorm, in_dpm_order
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import split_colours
 from ..hog.taps import pooling_axes
 from ..optimize import lbfgs
-from .block_levels import histograms_without_clip
 from .reconstruction import squared_norm
-from .signs import expected_cells
 from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
 AFTER_CLOSED_FORM = 60  # evaluations, which suffice after a start in closed form
 _MAX_VOTE_RATIO = 20.0  # times the largest vote of a cell at the start, the most that the search may come to
 ENTRY_FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
+
+BLOCK_ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
+NEWTON_STEPS = 5  # of Newton's method
+LEVEL_ITERATIONS, LEVEL_ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
+LEAST_ENTRY = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
+TINY_RATIO = 1e-6
 
 
 def linear_vote_spec(spec: HOGSpec) -> HOGSpec:
@@ -74,7 +75,7 @@ def recover_histograms(
     colours = split_colours(descriptor, spec)
     histograms = spec.normalizer.invert(colours.permute(0, 3, 1, 2))
     if histograms is None:
-        histograms = _least_squares(colours, spec.single_colour, size, max_evaluations)
+        histograms = _fit_histograms(colours, spec.single_colour, size, max_evaluations)
     histograms = histograms.reshape(len(descriptor), -1, *histograms.shape[2:]).clamp(min=0)  # as votes are
     return histograms if spec.normalizer.fixes_contrast else set_nominal_contrast(histograms, spec, size)
 
@@ -103,24 +104,25 @@ def _votes_per_magnitude(spec: HOGSpec, size: tuple[int, int], like: Tensor) -> 
     return spec.colours * rows * cols
 
 
-def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
+def _fit_histograms(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max_evaluations: int) -> Tensor:
     """Least squares for the logarithms of the histograms, which span four decades in one photograph.
 
     Neighbourhoods couple the levels of cells step by step.  So the logarithm of each cell's level has unknowns of its
     own, in a cosine basis, beside those of the entries: distant levels then converge together.  Copies of the same cell
-    share their unknowns.  The search begins at :mod:`.block_levels` and is soon at its end, or else at the entries.
+    share their unknowns.  The search begins at :func:`histograms_without_clip` and is soon at its end, or else at the
+    entries.
     """
     target = descriptor.permute(0, 3, 1, 2)
     batch = len(target)
     alignment = CellAlignment(spec, size, target)
-    shares = of_nearest_cells(cell_entries(descriptor, spec), spec, size).clamp(min=0)
+    shares = fill_from_nearest(cell_entries(descriptor, spec), spec, size).clamp(min=0)
     shares = alignment(shares)
     rows, cols = shares.shape[2:]
     tiny = torch.finfo(target.dtype).tiny
     unclipped = histograms_without_clip(descriptor, spec)
     if unclipped is not None:
         max_evaluations = min(max_evaluations, AFTER_CLOSED_FORM)
-        start = torch.log(alignment(of_nearest_cells(unclipped, spec, size)).clamp(min=tiny))
+        start = torch.log(alignment(fill_from_nearest(unclipped, spec, size)).clamp(min=tiny))
     else:
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + ENTRY_FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
@@ -146,6 +148,95 @@ def _least_squares(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], max
     return histograms(minimum.x, torch.arange(batch, device=target.device))
 
 
+def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
+    """Histograms (B, bins, rows, cols) of descriptors (B, rows, cols, channels), of mean level 1.
+
+    None for a descriptor that does not tell blocks apart: one without texture, or without the histograms that it sums.
+    """
+    normalizer = spec.normalizer
+    if not isinstance(normalizer, FourBlockNorm):
+        return None
+    parts = normalizer.split(descriptor.permute(0, 3, 1, 2), spec.bins, spec.signed)
+    vlfeat = normalizer.texture == "vlfeat"
+    summed = parts.get("undirected" if vlfeat else "directed")
+    if summed is None or "texture" not in parts:
+        return None
+    texture = parts["texture"] if vlfeat else torch.stack(in_dpm_order(parts["texture"].unbind(1)), dim=1)
+    totals = (texture / (VLFEAT_TEXTURE if vlfeat else DPM_TEXTURE)).unsqueeze(2)  # (B, 4, 1, rows, cols)
+    shares = summed.unsqueeze(1)  # (B, 1, n, rows, cols), of the cell's level
+    for _ in range(BLOCK_ROUNDS):
+        shares = shares / shares.sum(dim=2, keepdim=True).clamp(min=TINY_RATIO)
+        ratios, known = _solve_clipped(shares, totals, normalizer.clip, dim=2)  # h / N by block: (B, 4, 1, rows, cols)
+        shares, _ = _solve_clipped(ratios, 2 * summed.unsqueeze(1), normalizer.clip, dim=1)
+    if "directed" in parts and vlfeat:
+        shares, _ = _solve_clipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
+    known &= totals > TINY_RATIO
+    levels = _solve_levels(ratios.double().clamp(min=TINY_RATIO).log().squeeze(2), known.squeeze(2).double())
+    shares = shares.squeeze(1)
+    floor = LEAST_ENTRY * shares.amax(dim=1, keepdim=True)
+    return shares.clamp(min=floor) * torch.exp(levels).to(shares)
+
+
+def _solve_clipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[Tensor, Tensor]:
+    """x with Σ min(weights · x, clip) = totals over a dimension, and where it is determined.
+
+    The sum is concave and piecewise linear in x, so Newton's method reaches x from below, from 0.
+    """
+    x = torch.zeros_like(totals)
+    slopes = weights.sum(dim, keepdim=True).expand_as(x)
+    for _ in range(NEWTON_STEPS):
+        left = totals - (weights * x).clamp(max=clip).sum(dim, keepdim=True)
+        x = torch.where(slopes > TINY_RATIO, x + left / slopes.clamp(min=TINY_RATIO), x)
+        slopes = torch.where(weights * x < clip, weights, 0).sum(dim, keepdim=True)
+    return x, slopes > TINY_RATIO
+
+
+def _solve_levels(ratios: Tensor, known: Tensor) -> Tensor:
+    """Logarithms of levels (B, 1, rows, cols), of mean 0, from those of ratios (B, 4, rows, cols) to blocks.
+
+    Least squares, where ``known`` is 1, over the levels of cells and of blocks.  Those of blocks are means, which
+    leaves equations for those of cells; if all ratios are known, the cosine basis solves them.
+    """
+    blocks = _to_blocks(known).clamp(min=TINY_RATIO)
+
+    def subtract_block_means(cell_ratios: Tensor) -> Tensor:
+        """Σ over its blocks of a cell's difference from the mean of the block: (B, 4, rows, cols) to (B, 1, …)."""
+        means = _from_blocks(_to_blocks(known * cell_ratios) / blocks)
+        return (known * (cell_ratios - means)).sum(dim=1, keepdim=True)
+
+    rows, cols = (torch.cos(math.pi * torch.arange(n, dtype=torch.float64) / (2 * n)) ** 2 for n in ratios.shape[2:])
+    spectrum = 4 * (1 - torch.outer(rows, cols))
+    spectrum[0, 0] = math.inf
+    spectrum = spectrum.to(ratios)
+    levels, residual = torch.zeros_like(ratios[:, :1]), subtract_block_means(ratios)
+    direction = solved = from_cosines(to_cosines(residual) / spectrum)
+    first = error = (residual * solved).sum(dim=(1, 2, 3), keepdim=True)
+    for _ in range(LEVEL_ITERATIONS):  # preconditioned conjugate gradients
+        runs, image = error > LEVEL_ACCURACY * first, subtract_block_means(direction.expand_as(ratios))
+        curvature = (direction * image).sum(dim=(1, 2, 3), keepdim=True)
+        step = torch.where(runs, error / curvature, 0)
+        levels, residual = levels + step * direction, residual - step * image
+        solved, before = from_cosines(to_cosines(residual) / spectrum), error
+        error = (residual * solved).sum(dim=(1, 2, 3), keepdim=True)
+        direction = solved + torch.where(runs, error / before, 0) * direction
+    return levels - levels.mean(dim=(2, 3), keepdim=True)
+
+
+def _to_blocks(cell_ratios: Tensor) -> Tensor:
+    """Sums over the cells of each block: (B, 4, rows, cols), by up-left … down-right, to (B, 1, rows + 1, cols + 1)."""
+    batch, _, rows, cols = cell_ratios.shape
+    blocks = cell_ratios.new_zeros(batch, rows + 1, cols + 1)
+    for k, (down, right) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        blocks[:, down : down + rows, right : right + cols] += cell_ratios[:, k]
+    return blocks.unsqueeze(1)
+
+
+def _from_blocks(blocks: Tensor) -> Tensor:
+    """The four blocks of each cell: (B, 1, rows + 1, cols + 1) to (B, 4, rows, cols)."""
+    top, bottom = blocks[:, :, :-1], blocks[:, :, 1:]
+    return torch.cat([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
+
+
 def average_colours(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """Histograms (B, colours · bins, rows, cols) of images (height, width): means over colours, cells side by side."""
     return CellAlignment(spec, size, histograms)(mean_over_colours(histograms, spec))
@@ -166,101 +257,3 @@ def rebin_cells(
     shares.index_put_((below.long() % bins, spec_bins), 1 - share, accumulate=True)
     shares.index_put_(((below.long() + 1) % bins, spec_bins), share, accumulate=True)
     return torch.einsum("kb,nbrc->nkrc", shares.to(histograms), average_colours(histograms, spec, size))
-
-
-START_NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
-ROUNDING_CONTRAST = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
-TINY_WEIGHT = 1e-30
-
-
-def starting_images(
-    histograms: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = START_NOISE
-) -> Tensor:
-    """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
-
-    The noise has the standard deviation ``spread``, comes in pairs, and is the same for every image of the batch.
-    """
-    if spec.signed:
-        smooth = integrate(*mean_gradient(mean_over_colours(histograms, spec), spec, height, width)).unsqueeze(1)
-    else:
-        cells = expected_cells(average_colours(histograms, spec, (height, width)), spec, seed).unsqueeze(1)
-        # from votes of a cell, differences of two pixels, to the difference of two cells
-        per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
-        smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
-    return 0.5 + smooth / spec.value_range + pair_noise(histograms, height, width, count, seed, spread)
-
-
-def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = START_NOISE) -> Tensor:
-    """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
-    generator = torch.Generator().manual_seed(int(seed))
-    unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
-    return (unit * spread).to(like)
-
-
-def pair_noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
-    """:func:`noise` in pairs of opposite sign: what depends linearly on the noise cancels in their mean."""
-    half = noise(like, height, width, (count + 1) // 2, seed, spread)
-    return torch.cat([half, -half[:, : count // 2]], dim=1)
-
-
-def match_contrast(image: Tensor, target: Tensor, spec: HOGSpec) -> Tensor:
-    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``target``.
-
-    Images that only vary by rounding become constant.
-    """
-    image = image - image.mean(dim=(2, 3), keepdim=True)
-    varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > ROUNDING_CONTRAST
-    image = torch.where(varies, image, 0)
-    cells = histograms(image, spec)
-    size = cells.square().sum(dim=(1, 2, 3))
-    contrast = torch.where(size > 0, (cells * target).sum(dim=(1, 2, 3)) / torch.where(size > 0, size, 1), 1)
-    return 0.5 + image * contrast.reshape(-1, 1, 1, 1)
-
-
-def start_near(
-    histograms: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
-) -> tuple[Tensor, Tensor]:
-    """Start and expected image at the contrast of the ``histograms``."""
-    expected = match_contrast(expected, histograms, spec)
-    start = expected if start is None else match_contrast(start, histograms, spec)
-    constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
-    if constant.any():  # all derivatives vanish there, so no search would leave it
-        height, width = start.shape[2:]
-        grainy = start + noise(histograms, height, width, 1, seed)[:, 0]
-        start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
-    return start, expected
-
-
-def enlarge(images: Tensor, height: int, width: int) -> Tensor:
-    """Images (B, K, h, w) to (B, K, H, W), bicubic; as they are if that is their size."""
-    if images.shape[2:] == (height, width):
-        return images
-    return interpolate(images, size=(height, width), mode="bicubic", align_corners=False)
-
-
-def mean_gradient(histograms: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
-    angles = torch.from_numpy(bin_angles(spec)).to(histograms)
-    down, across = pooling_axes(replace(spec, border="reflect"), height, width, histograms)
-    # votes divided by the sum of the cell's weights are their mean; the same weights interpolate between the centres
-    mean = histograms / (down.totals().unsqueeze(1) * across.totals())
-    if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
-        down, across = (
-            along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY_WEIGHT)) for along in (down, across)
-        )
-    gx, gy = (
-        across.spread(down.spread(torch.einsum("bkrc,k->brc", mean, f(angles)), -2), -1) for f in (torch.cos, torch.sin)
-    )
-    return gx, gy
-
-
-def integrate(gx: Tensor, gy: Tensor) -> Tensor:
-    """Images (B, 1, H, W) of zero mean whose [-1, 0, 1] differences are closest to smooth fields gx, gy (B, H, W)."""
-    height, width = gx.shape[-2:]
-    # the difference of two neighbours is half the mask's response, averaged over the two pixels
-    fx, fy = (gx[..., :, 1:] + gx[..., :, :-1]) / 4, (gy[..., 1:, :] + gy[..., :-1, :]) / 4
-    divergence = pad(fx, (0, 1)) - pad(fx, (1, 0)) + pad(fy, (0, 0, 0, 1)) - pad(fy, (0, 0, 1, 0))
-    along_y, along_x = (2 * torch.cos(math.pi * torch.arange(n) / n) - 2 for n in (height, width))
-    laplacian = (along_y.unsqueeze(1) + along_x).to(gx)  # its eigenvalues in the cosine basis
-    laplacian[0, 0] = torch.inf
-    return from_cosines(to_cosines(divergence) / laplacian).unsqueeze(1)

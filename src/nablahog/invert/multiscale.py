@@ -33,13 +33,13 @@ from .arguments import (
     find_quality,
 )
 from .choices import InversionMethod
-from .histograms import enlarge, linear_vote_spec, recover_histograms, starting_images
+from .histograms import linear_vote_spec, recover_histograms
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, Priors, as_priors
 from .prior.terms import CoarserDescriptor
 from .published import choose_smoothness, reconstruct_as_published
-from .reconstruction import Reconstruction, Values, convert_like, relative_distance
-from .signs import find_negatives, negate
+from .reconstruction import Reconstruction, Values, convert_like, find_negatives, negate, relative_distance
+from .starts import enlarge, starting_images
 
 SCALES = (64, 16, 4, 1)
 COARSER_WEIGHT = 0.1  # of the distance at each coarser scale, relative to that at the level's own
@@ -161,8 +161,8 @@ def reconstruct_multiscale(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
     settings = _choose_level_settings(targets, same_descriptor, spec, image_size, scales, search, published)
-    of_package = published is None and search.samples is None
-    learned, start, expected = as_priors(prior, spec, by_default=of_package), None, None
+    uses_default = published is None and search.samples is None
+    learned, start, expected = as_priors(prior, spec, by_default=uses_default), None, None
     if same_descriptor and published is None:
         start, expected = _first_images(settings, spec, seed, learned)
     levels: list[Level] = []

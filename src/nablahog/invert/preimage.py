@@ -30,15 +30,7 @@ from .arguments import (
     find_quality,
 )
 from .choices import InversionMethod, QualityName
-from .histograms import (
-    START_NOISE,
-    linear_vote_spec,
-    match_contrast,
-    pair_noise,
-    recover_histograms,
-    start_near,
-    starting_images,
-)
+from .histograms import linear_vote_spec, recover_histograms
 from .prior.learned import LearnedPrior, PriorChoice, Priors, as_priors
 from .prior.terms import GrayRange, Prior, RelativeSmoothness
 from .published import reconstruct_as_published
@@ -47,12 +39,14 @@ from .reconstruction import (
     Watch,
     build_reconstruction,
     convert_like,
+    find_negatives,
     make_first_iterate,
+    negate,
     split_batch,
     to_unit_range,
 )
 from .search import PreimageSearch
-from .signs import find_negatives, negate
+from .starts import START_NOISE, match_contrast, pair_noise, start_near, starting_images
 from .unknowns import low_pass
 
 SHARE_OF_SAMPLES = 0.7  # of the evaluations; the others match the descriptor itself
@@ -98,7 +92,7 @@ def reconstruct(
     with these histograms, the samples, are found from different starts.  The expected image is their smoothed mean, in
     which everything that they disagree on is averaged out.  Samples for an unsigned descriptor would differ in the
     signs of whole regions.  So there the expected image comes from estimated signs, and of the image and its negative
-    the one that looks more like a photograph is returned (:mod:`.signs`).
+    the one that looks more like a photograph is returned (:mod:`.polarity`).
 
     Each image has its own steps and its own stop.  So an image has the same result in a batch as alone, up to rounding,
     which a long search may amplify.  A batch that needs more than half a GiB, or more than two fifths of the free
@@ -263,8 +257,8 @@ def _choose_settings(
     samples = (search.samples or effort.samples) if draws else 1
     alone = effort.with_prior if learned is not None and spec.signed else effort.without_samples
     most = search.max_evaluations or (effort.evaluations if samples > 1 else alone)
-    of_signed = CLOSENESS if learned is None else PRIOR_CLOSENESS
-    closeness, to_details = of_signed if spec.signed else UNSIGNED_CLOSENESS, CLOSENESS
+    signed_closeness = CLOSENESS if learned is None else PRIOR_CLOSENESS
+    closeness, to_details = signed_closeness if spec.signed else UNSIGNED_CLOSENESS, CLOSENESS
     if objective.closeness is not None:
         closeness = to_details = objective.closeness
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()

@@ -23,9 +23,10 @@ from ..hog.steps import normalize_reference
 from ..optimize import dogleg
 from ..runtime.pytorch import memory_for
 from .arguments import AsPublished
-from .histograms import linear_vote_spec, noise
+from .histograms import linear_vote_spec
 from .prior.terms import differences
-from .reconstruction import Reconstruction, SearchRecord, Watch, as_returned, build_reconstruction, split_batch
+from .reconstruction import Reconstruction, SearchRecord, Watch, build_reconstruction, split_batch, to_gray_values
+from .starts import noise
 from .unknowns import from_cosines, to_cosines
 
 # ξ and the standard deviation of the start where the descriptor leaves the contrast open: with so little noise the
@@ -33,7 +34,7 @@ from .unknowns import from_cosines, to_cosines
 PUBLISHED_SMOOTHNESS, PUBLISHED_NOISE = 100.0, 1e-4
 FIXED_CONTRAST_SMOOTHNESS, FIXED_CONTRAST_NOISE = 0.3, 1e-2  # the same where the descriptor fixes it
 CG_TOLERANCE, CG_ITERATIONS = 1e-4, 200  # of a Gauss-Newton step: residual relative to the right side, most iterations
-TRIALS = 50  # evaluations of an iteration besides the products of its step: far more than needed
+TRIAL_EVALUATIONS = 50  # evaluations of an iteration besides the products of its step: far more than needed
 PIXELS_AT_ONCE = 2**20  # pixels of the images that are searched together on a CPU
 NUMBERS_PER_PIXEL = 128  # held per pixel in a search, for vectors, their images and the graph; an estimate
 SEARCH_MEMORY_SHARE = 0.5  # of a GPU's free memory for searches
@@ -75,11 +76,11 @@ def reconstruct_as_published(
     for part, report in split_batch(batch, at_once, progress):
         searches.append(_Search(descriptor[part], spec, size, options, watch, part))
         searches[-1].run(first[part], report)
-    image = as_returned(torch.cat([search.image for search in searches]), spec)
+    image = to_gray_values(torch.cat([search.image for search in searches]), spec)
     iterates = None
     if options.keep_iterates:
         iterates = torch.cat([search.iterates.flatten(0, 1) for search in searches])
-        iterates = as_returned(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
+        iterates = to_gray_values(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
     return replace(
         build_reconstruction(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
     )
@@ -124,7 +125,7 @@ class _Search(SearchRecord):
         minimum = dogleg(
             self.objective,
             start.flatten(1),
-            max_evaluations=options.iterations * (CG_ITERATIONS + TRIALS) if most is None else most,
+            max_evaluations=options.iterations * (CG_ITERATIONS + TRIAL_EVALUATIONS) if most is None else most,
             max_iterations=options.iterations,
             cg_iterations=CG_ITERATIONS,
             cg_tolerance=CG_TOLERANCE,
@@ -212,8 +213,8 @@ class PublishedJacobian:
             described = normalize_reference(self._leaf, spec)
             self._cotangents = torch.zeros_like(described, requires_grad=True)
             (self._norm_vjp,) = torch.autograd.grad(described, self._leaf, self._cotangents, create_graph=True)
-            self._of_neighbours = objective.neighbour_differences(self._images)
-        self._lengths = [described[0].numel(), self._of_neighbours.shape[1]]
+            self._neighbour_differences = objective.neighbour_differences(self._images)
+        self._lengths = [described[0].numel(), self._neighbour_differences.shape[1]]
         self.size = sum(self._lengths)
         self._spectrum = self._preconditioner()
 
@@ -224,10 +225,10 @@ class PublishedJacobian:
 
     @torch.no_grad()
     def vjp(self, vectors: Tensor) -> Tensor:
-        of_hog, neighbour_differences = torch.split(vectors, self._lengths, dim=1)
-        grad_descriptor = of_hog.reshape(self._descriptor.shape)
+        grad_entries, neighbour_differences = torch.split(vectors, self._lengths, dim=1)
+        grad_descriptor = grad_entries.reshape(self._descriptor.shape)
         (grad_cells,) = torch.autograd.grad(self._descriptor, self._leaf, grad_descriptor, retain_graph=True)
-        outputs, grads = (self._cells, self._of_neighbours), (grad_cells, neighbour_differences)
+        outputs, grads = (self._cells, self._neighbour_differences), (grad_cells, neighbour_differences)
         (grad_images,) = torch.autograd.grad(outputs, self._images, grads, retain_graph=True)
         return grad_images.flatten(1)
 
@@ -238,8 +239,8 @@ class PublishedJacobian:
 
     def _hog_jvp(self, tangents: Tensor) -> Tensor:
         """Tangents of images (A, 1, H, W) to those of descriptors (A, channels, rows, cols)."""
-        of_cells = histograms_jvp(self._images, tangents, self._objective.spec)
-        (product,) = torch.autograd.grad(self._norm_vjp, self._cotangents, of_cells, retain_graph=True)
+        cell_tangents = histograms_jvp(self._images, tangents, self._objective.spec)
+        (product,) = torch.autograd.grad(self._norm_vjp, self._cotangents, cell_tangents, retain_graph=True)
         return product
 
     def _preconditioner(self) -> Tensor:

@@ -19,8 +19,9 @@ from ..hog.descriptor import hog
 from ..hog.inputs import Descriptors, to_array
 from ..hog.spec import HOGSpec
 from ..optimize import History, StopReason
+from .polarity import looks_negative
 
-TAILS = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
+TAIL_SHARE = 0.005  # share of pixels that may be clipped at either end when the image is brought to 0…1
 SHOWN_IMAGES = 4  # images of a batch, in a notebook and with their distances
 
 if TYPE_CHECKING:  # checkers know the package, which need not be installed: `typing` has defaults from Python 3.13 on
@@ -122,7 +123,7 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     1.  The rest is clipped.
     """
     pixels = image.flatten(1)
-    clipped = round(TAILS * (pixels.shape[1] - 1))
+    clipped = round(TAIL_SHARE * (pixels.shape[1] - 1))
     low, high = (
         pixels.kthvalue(k, dim=1).values.reshape(-1, 1, 1, 1) for k in (1 + clipped, pixels.shape[1] - clipped)
     )
@@ -132,10 +133,26 @@ def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     return torch.where(spread > 0, (image - low) / torch.where(spread > 0, spread, 1), 0.5).clamp(0, 1)
 
 
-def as_returned(image: Tensor, spec: HOGSpec) -> Tensor:
+def to_gray_values(image: Tensor, spec: HOGSpec) -> Tensor:
     """Images (B, 1, H, W) in 0…1, of images of arbitrary brightness, or of their square roots if φ describes these."""
     image = to_unit_range(image, spec)
     return image.square() if spec.gamma == "sqrt" else image
+
+
+def find_negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+    """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
+
+    A learned prior's ``confidence`` decides, the probability that an image is not a negative; without one,
+    :mod:`.polarity` does.
+    """
+    if confidence is None:
+        return looks_negative(image), None
+    return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
+
+
+def negate(image: Tensor, which: Tensor) -> Tensor:
+    """Images (B, 1, H, W) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
+    return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
 
 
 @torch.no_grad()
@@ -184,7 +201,7 @@ class Iterate:
     @property
     def image(self) -> Tensor:
         """(b, 1, H, W) in 0…1, a copy; the mean of several samples."""
-        return as_returned(self.candidates.mean(dim=1), self.spec)
+        return to_gray_values(self.candidates.mean(dim=1), self.spec)
 
 
 def make_first_iterate(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
@@ -193,7 +210,7 @@ def make_first_iterate(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: 
     The images are square roots if the dialect describes these.
     """
     none = torch.zeros(len(images), dtype=torch.long, device=images.device)
-    distance = relative_distance(as_returned(images, spec), descriptor, spec)
+    distance = relative_distance(to_gray_values(images, spec), descriptor, spec)
     return Iterate(part, none, distance, images.unsqueeze(1), spec)
 
 

@@ -93,10 +93,10 @@ def reconstruct_samples(
         progress=progress,
     )
     image = result.image.reshape(-1, count, 1, *size)
-    return Samples(image, result.distance.reshape(-1, count), _agreement(image))
+    return Samples(image, result.distance.reshape(-1, count), _measure_agreement(image))
 
 
-def _agreement(images: Tensor) -> Tensor:
+def _measure_agreement(images: Tensor) -> Tensor:
     """Images (B, K, 1, H, W) to the mean magnitude of the correlations of all pairs, (B,); 0 for flat images."""
     pixels = images.flatten(2)
     pixels = pixels - pixels.mean(dim=2, keepdim=True)

@@ -17,7 +17,7 @@ from .prior.terms import Prior
 from .reconstruction import SearchRecord, Watch, squared_norm
 from .unknowns import CosineBasis, FlatRegions
 
-VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
+MAX_VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
 VOTE_COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
 VOTE_MEMORY_SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need most of it
 
@@ -25,7 +25,7 @@ VOTE_MEMORY_SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's ve
 def votes_at_once(like: Tensor) -> int:
     """How many votes of images may be held together, by dtype and device of ``like``."""
     bytes_per_vote = VOTE_COPIES * like.element_size()
-    return max(1, memory_for(like.device, VOTES * bytes_per_vote, VOTE_MEMORY_SHARE) // bytes_per_vote)
+    return max(1, memory_for(like.device, MAX_VOTES * bytes_per_vote, VOTE_MEMORY_SHARE) // bytes_per_vote)
 
 
 class PreimageObjective:
@@ -148,7 +148,7 @@ class PreimageObjective:
 
 
 CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which waits for each report
-EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 at small ones
+BASIS_EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 at small ones
 
 
 class PreimageSearch(SearchRecord):
@@ -172,7 +172,7 @@ class PreimageSearch(SearchRecord):
     ) -> None:
         super().__init__(descriptor, dialect, watch, part)
         self.spec, self.size, self.priors = linear_vote_spec(dialect), size, priors
-        self.basis = CosineBasis(*size, descriptor, EXPONENT)
+        self.basis = CosineBasis(*size, descriptor, BASIS_EXPONENT)
         self.minimiser: Minimiser = minimiser
         self.max_evaluations, self.progress = max_evaluations, progress
         self._reported = self._assigned = self._calls = 0

@@ -67,10 +67,10 @@ def template_descriptor(
             f"{expected} (rows, cols, channels), got {tuple(templates.shape[1:])}"
         )
     check_finite("the weights", templates)
-    of_bins = dialect.normalizer.bin_weights(
+    bin_weights = dialect.normalizer.bin_weights(
         mean_over_colours(templates.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
     )
-    histograms = (of_bins * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
+    histograms = (bin_weights * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
     histograms = with_margin(histograms, dialect)  # cells that the descriptor leaves out have no weights
@@ -132,10 +132,10 @@ def reconstruct_template(
         )
         for number in range(count)
     ]
-    return convert_like(results[0] if signed else _mean(results, descriptor, spec), weights)
+    return convert_like(results[0] if signed else _average_results(results, descriptor, spec), weights)
 
 
-def _mean(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) -> Reconstruction:
+def _average_results(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) -> Reconstruction:
     """The mean of pre-images of the same unsigned descriptors, where they may be negatives of each other."""
     images = torch.stack([result.image - result.image.mean(dim=(2, 3), keepdim=True) for result in results])
     alike = (images * images[:1]).sum(dim=(2, 3, 4), keepdim=True)

@@ -22,7 +22,7 @@ from scipy import fft, ndimage
 from torch import Tensor
 
 from .. import native
-from ..hog.entries import cell_entries, covered_cells, of_nearest_cells
+from ..hog.entries import cell_entries, covered_cells, fill_from_nearest
 from ..hog.spec import HOGSpec
 from ..hog.taps import pooling_axes
 
@@ -128,7 +128,7 @@ class FlatRegions:
     """Replaces each region that must be constant by its mean.  Linear; the identity if there is no such region."""
 
     def __init__(self, descriptor: Tensor, spec: HOGSpec, height: int, width: int) -> None:
-        entries = of_nearest_cells(cell_entries(descriptor, spec), spec, (height, width))
+        entries = fill_from_nearest(cell_entries(descriptor, spec), spec, (height, width))
         rows, cols = (covered.to(descriptor.device) for covered in covered_cells(spec, (height, width)))
         empty = (entries == 0).all(dim=1) & rows.unsqueeze(1) & cols
         axes = pooling_axes(spec, height, width, descriptor)

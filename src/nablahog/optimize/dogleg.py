@@ -32,7 +32,7 @@ from .problems import (
 )
 
 TRIAL, MODEL, PRODUCT = 2, 1, 1  # half evaluations: value and gradient; residuals with their graph; J or Jᵀ times v
-GOOD, GROWN = 0.9, 2.5  # a gain above GOOD makes the radius at least GROWN steps long
+GOOD_GAIN, RADIUS_GROWTH = 0.9, 2.5  # a gain above GOOD_GAIN makes the radius at least RADIUS_GROWTH steps long
 LEAST_GAIN, RADIUS_SHRINKAGE = 0.05, 0.25  # a gain below LEAST_GAIN shrinks the radius
 
 
@@ -245,7 +245,7 @@ def path_weights(cauchy: Tensor, newton: Tensor, radius: Tensor) -> tuple[Tensor
 
 def next_radius(radius: Tensor, length: Tensor, gain: Tensor, accepted: Tensor) -> Tensor:
     """The radius (A,) after trials; ``gain`` (A,) is the decrease as a share of the predicted one."""
-    grown = torch.where(gain > GOOD, torch.maximum(radius, GROWN * length), radius)
+    grown = torch.where(gain > GOOD_GAIN, torch.maximum(radius, RADIUS_GROWTH * length), radius)
     # Chumpy tries a rejected Gauss-Newton step again until the radius cuts it; each trial would fail like the first
     return torch.where(
         accepted,

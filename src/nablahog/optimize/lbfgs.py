@@ -27,7 +27,7 @@ from .problems import (
     Watch,
     array_namespace,
     as_numbers,
-    may_hold,
+    possibly_any,
     rows_where,
     select_rows,
 )
@@ -76,7 +76,7 @@ class Vectors:
         self.direction[rows] = torch.where(turns.unsqueeze(1), down, self.direction[rows])
         slopes[rows] = torch.where(turns, torch.linalg.vecdot(gradient, down), slopes[rows])
 
-    def lost(self, which: Numbers, steps: Numbers) -> Numbers:
+    def find_vanishing_steps(self, which: Numbers, steps: Numbers) -> Numbers:
         """For which of the problems ``which`` (A,) a step (A,) along the direction is lost in rounding, (A,)."""
         rows, lost = rows_where(which), torch.zeros_like(self._newest, dtype=torch.bool)
         length, size = (v[rows].abs().amax(1) for v in (self.direction, self.x))
@@ -169,7 +169,7 @@ class LbfgsSearch:
         self.stays, self.last_steps = decisions.stays, steps - decisions.steps
         vectors.take_step(decisions, gradient)
         uphill = ~(vectors.slopes < 0) & runs  # rounding has spoilt the memory
-        if may_hold(uphill):
+        if possibly_any(uphill):
             vectors.turn_downhill(uphill)
             self.state = self.state.without_pairs(uphill)
         running.count(self.state.values)
@@ -177,11 +177,11 @@ class LbfgsSearch:
     def end(self, gradient_tolerance: float, progress_tolerance: float) -> None:
         """Ends the problems that stop here; drops them, on a device now and then."""
         vectors, state, running = self.vectors, self.state, self.running
-        stuck = vectors.lost(self.stays, state.steps) if may_hold(self.stays) else self.stays
+        stuck = vectors.find_vanishing_steps(self.stays, state.steps) if possibly_any(self.stays) else self.stays
         running.end(
             {
                 StopReason.GRADIENT: vectors.peaks <= gradient_tolerance,
-                StopReason.PROGRESS: running.slow(progress_tolerance),
+                StopReason.PROGRESS: running.find_stalled(progress_tolerance),
                 StopReason.LINE_SEARCH: stuck,
             }
         )

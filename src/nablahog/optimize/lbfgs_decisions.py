@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .problems import Numbers, array_namespace, may_hold
+from .problems import Numbers, array_namespace, possibly_any
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # constants of the Wolfe conditions, Nocedal & Wright p. 62
 ALONG, CHANGE_ALONG, CHANGE_SQUARED, CHANGE_WITH_NEW = range(-4, 0)  # dot products after those with stored vectors
@@ -32,7 +32,7 @@ class SearchState(NamedTuple):
         values: (A,), the objective at the point.
         steps, lows, highs: (A,), the step to the next trial, and its bracket.
         inverse: (A, m, m), U⁻¹.
-        of_changes: (A, m, m), Y·Yᵀ.
+        change_products: (A, m, m), Y·Yᵀ.
         curvatures: (A, m), each y with its s.
         with_gradient: (A, 2, m), each s, then each y with the gradient.
     """
@@ -42,7 +42,7 @@ class SearchState(NamedTuple):
     lows: Numbers
     highs: Numbers
     inverse: Numbers
-    of_changes: Numbers
+    change_products: Numbers
     curvatures: Numbers
     with_gradient: Numbers
 
@@ -59,7 +59,7 @@ class SearchState(NamedTuple):
         where, which = array_namespace(which).where, which[:, None]
         return self._replace(
             inverse=where(which[:, None], 0, self.inverse),
-            of_changes=where(which[:, None], 1, self.of_changes),
+            change_products=where(which[:, None], 1, self.change_products),
             curvatures=where(which, 1, self.curvatures),
         )
 
@@ -103,7 +103,7 @@ def decide(
     stays, steps = ~moves & running, state.steps
     moved, stores = _move(state, moves, trial_values, dots)
     coefficients = _direction(moved)
-    if may_hold(~moves):
+    if possibly_any(~moves):
         moved = moved.where(moves, _next_trial(state, stays, enough, slopes, trial_values))
         steps = array_namespace(dots).where(moves, steps, 0)
     return moved, Decisions(steps, stays, stores, coefficients)
@@ -135,31 +135,31 @@ def _move(state: SearchState, moves: Numbers, trial_values: Numbers, dots: Numbe
     stores = moves & (s_y > xp.finfo(dots.dtype).eps * y_y)
     old_with_gradient = dots[:, : 2 * m].reshape(state.with_gradient.shape)
     old_with_change = old_with_gradient - state.with_gradient
-    inverse, of_changes, curvatures, with_gradient = (xp.empty_like(numbers) for numbers in state[4:])
+    inverse, change_products, curvatures, with_gradient = (xp.empty_like(numbers) for numbers in state[4:])
     # the new row of U is [sᵀy, r], that of its inverse [1, -r·U⁻¹] / sᵀy
     inverse[:, 0, 0], inverse[:, 1:, 0] = 1 / s_y, 0
     inverse[:, 0, 1:] = (old_with_change[:, :1] @ state.inverse)[:, 0, :-1] / -s_y[:, None]
     inverse[:, 1:, 1:] = state.inverse[:, :-1, :-1]
-    of_changes[:, 0, 0] = y_y
-    of_changes[:, 0, 1:] = of_changes[:, 1:, 0] = old_with_change[:, 1, :-1]
-    of_changes[:, 1:, 1:] = state.of_changes[:, :-1, :-1]
+    change_products[:, 0, 0] = y_y
+    change_products[:, 0, 1:] = change_products[:, 1:, 0] = old_with_change[:, 1, :-1]
+    change_products[:, 1:, 1:] = state.change_products[:, :-1, :-1]
     curvatures[:, 0], curvatures[:, 1:] = s_y, state.curvatures[:, :-1]
     with_gradient[:, 0, 0], with_gradient[:, 1, 0] = steps * dots[:, ALONG], dots[:, CHANGE_WITH_NEW]
     with_gradient[:, :, 1:] = old_with_gradient[:, :, :-1]
     zeros = xp.zeros_like(steps)
     moved = SearchState(
-        trial_values, zeros + 1, zeros, zeros + math.inf, inverse, of_changes, curvatures, with_gradient
+        trial_values, zeros + 1, zeros, zeros + math.inf, inverse, change_products, curvatures, with_gradient
     )
-    if may_hold(~stores):
+    if possibly_any(~stores):
         moved = moved.where(stores, SearchState(*moved[:4], *state[4:-1], old_with_gradient))
     return moved, stores
 
 
 def _direction(state: SearchState) -> Numbers:
     """The coefficients (A, 2m + 1) of -H·g: of each s, of each y, and of the gradient."""
-    gamma = state.curvatures[:, :1] / state.of_changes[:, :1, 0]
+    gamma = state.curvatures[:, :1] / state.change_products[:, :1, 0]
     alphas = state.with_gradient[:, :1] @ state.inverse  # (A, 1, m)
-    of_y = gamma * (state.with_gradient[:, 1:] - alphas @ state.of_changes)[:, 0]
+    change_coefficients = gamma * (state.with_gradient[:, 1:] - alphas @ state.change_products)[:, 0]
     alphas = alphas[:, 0]
-    of_s = state.inverse @ (state.curvatures * alphas - of_y)[:, :, None]
-    return array_namespace(gamma).concatenate([-of_s[:, :, 0], gamma * alphas, -gamma], 1)
+    step_coefficients = state.inverse @ (state.curvatures * alphas - change_coefficients)[:, :, None]
+    return array_namespace(gamma).concatenate([-step_coefficients[:, :, 0], gamma * alphas, -gamma], 1)

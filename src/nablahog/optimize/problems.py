@@ -142,8 +142,8 @@ class History:
 
 PROGRESS_WINDOW = 20  # evaluations over which progress is judged
 ROUNDS_BETWEEN_LOOKS = 10  # on a device: more waste evaluations of problems that have ended, fewer wait more often
-_REASONS = tuple(StopReason)
-_CODES = {reason: k + 1 for k, reason in enumerate(_REASONS)}
+_STOP_REASONS = tuple(StopReason)
+_STOP_CODES = {reason: k + 1 for k, reason in enumerate(_STOP_REASONS)}
 
 
 def dropped_at_once(like: Tensor) -> bool:
@@ -166,7 +166,7 @@ def select_rows(numbers: Numbers, rows: Tensor) -> Numbers:
     return numbers[rows.to(numbers.device, non_blocking=True) if isinstance(numbers, Tensor) else rows.numpy()]
 
 
-def may_hold(mask: Numbers) -> bool:
+def possibly_any(mask: Numbers) -> bool:
     """Whether ``mask`` (A,) holds for a problem; of a tensor it may, since its device would be waited for."""
     return isinstance(mask, Tensor) or bool(np.count_nonzero(mask))
 
@@ -216,7 +216,7 @@ class Running:
             self.watch(self.index, torch.as_tensor(self.evaluations))
 
     @np.errstate(invalid="ignore")  # a value that has been infinite all the time has not fallen
-    def slow(self, tolerance: float) -> Numbers:
+    def find_stalled(self, tolerance: float) -> Numbers:
         """Whether the lowest value fell by less than a share of itself in the last 20 rounds, (A,)."""
         before = self._recent[(self._rounds + 1) % (PROGRESS_WINDOW + 1)]
         return before - self._lowest < tolerance * self._lowest
@@ -224,12 +224,12 @@ class Running:
     def end(self, holds: Mapping[StopReason, Numbers]) -> None:
         """Ends those that run and for which a reason holds, (A,) each; of several the first counts."""
         for reason, mask in holds.items():
-            if may_hold(mask):
-                self.codes = self._xp.where((self.codes == 0) & mask, _CODES[reason], self.codes)
+            if possibly_any(mask):
+                self.codes = self._xp.where((self.codes == 0) & mask, _STOP_CODES[reason], self.codes)
 
     def look(self, x: Tensor, values: Numbers) -> Tensor | None:
         """On a device, every few rounds: drops problems that have ended, as :meth:`drop`."""
-        if may_hold(self.codes) if self.at_once else self._rounds % ROUNDS_BETWEEN_LOOKS == 0:
+        if possibly_any(self.codes) if self.at_once else self._rounds % ROUNDS_BETWEEN_LOOKS == 0:
             (codes,) = self.read()
             if codes.any():
                 return self.drop(codes, x, values)
@@ -267,7 +267,7 @@ class Running:
         """Points and values of some rows (A',), on the CPU, are results."""
         for problem, code in zip(self._problems[rows].tolist(), codes[rows].tolist(), strict=True):
             if code:
-                self._reasons[problem] = _REASONS[code - 1]
+                self._reasons[problem] = _STOP_REASONS[code - 1]
         rows = rows.to(self.index.device, non_blocking=True)
         index = self.index[rows]
         self._x[index], self._values[index] = x[rows], torch.as_tensor(values)[rows]

@@ -16,7 +16,8 @@ from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ..arguments import check_descriptor
-from ..histograms import linear_vote_spec, match_contrast, starting_images
+from ..histograms import linear_vote_spec
+from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
 from .provenance import NetworkLearning
 from .signed_network import TRAINING_CELLS, Architecture, PriorNetwork, SignedNetwork

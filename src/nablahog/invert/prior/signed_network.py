@@ -22,14 +22,8 @@ from torch.nn.functional import avg_pool2d, gelu, interpolate, pad, pixel_shuffl
 from ...hog import presets
 from ...hog.spec import HOGSpec
 from ...hog.steps import normalize_reference
-from ..histograms import (
-    integrate,
-    linear_vote_spec,
-    mean_gradient,
-    rebin_cells,
-    recover_histograms,
-    set_nominal_contrast,
-)
+from ..histograms import linear_vote_spec, rebin_cells, recover_histograms, set_nominal_contrast
+from ..starts import integrate, mean_gradient
 
 CHANNEL_MOMENTUM = 0.02  # of the running means and variances of channels
 
@@ -39,8 +33,8 @@ PIXELS_PER_OUTPUT = 2  # pixels of these images, along each axis, per pixel at t
 SIGNED_BINS = 18  # of 20° each
 INPUT_SPEC = presets.uoctti(CELL_PIXELS)  # of its inputs
 FLAT_STD = 0.01 * INPUT_SPEC.value_range  # standard deviation below which an image counts as flat
-_DESCRIPTOR, _VOTES = 5.0, 3.84  # factors that scale descriptor entries and votes per pixel to about 1
-_CHANNELS = SIGNED_BINS + INPUT_SPEC.channels + CELL_PIXELS**2
+_ENTRY_FACTOR, _VOTE_FACTOR = 5.0, 3.84  # factors that scale descriptor entries and votes per pixel to about 1
+_INPUT_CHANNELS = SIGNED_BINS + INPUT_SPEC.channels + CELL_PIXELS**2
 
 
 @dataclass(frozen=True)
@@ -161,9 +155,9 @@ def network_inputs(histograms: Tensor) -> NetworkInputs:
     variance = _average_around(integral.square(), TRAINING_CELLS) - _average_around(integral, TRAINING_CELLS).square()
     mean, contrast = _average_around(integral, 2 * TRAINING_CELLS), variance.clamp(min=FLAT_STD**2).sqrt()
     integral = (integral - _interpolate_cells(mean)) / _interpolate_cells(contrast)
-    of_pixels = torch.asinh(histograms / contrast * (_VOTES / CELL_PIXELS**2))
-    entries = normalize_reference(histograms, INPUT_SPEC) * _DESCRIPTOR
-    cells = torch.cat([of_pixels, entries, pixel_unshuffle(integral, CELL_PIXELS)], dim=1)
+    pixel_votes = torch.asinh(histograms / contrast * (_VOTE_FACTOR / CELL_PIXELS**2))
+    entries = normalize_reference(histograms, INPUT_SPEC) * _ENTRY_FACTOR
+    cells = torch.cat([pixel_votes, entries, pixel_unshuffle(integral, CELL_PIXELS)], dim=1)
     return NetworkInputs(cells, integral, contrast, mean)
 
 
@@ -198,7 +192,7 @@ class SignedNetwork(PriorNetwork):
         super().__init__(architecture)
         widths = architecture.widths
         self.gain = nn.Parameter(torch.ones(1))
-        self.inp = nn.Conv2d(_CHANNELS, widths[0], 3, padding=1)
+        self.inp = nn.Conv2d(_INPUT_CHANNELS, widths[0], 3, padding=1)
         body: list[nn.Module] = []
         for level, (width, blocks) in enumerate(zip(widths, architecture.blocks, strict=True)):
             body += [ResidualBlock(width) for _ in range(blocks)]

@@ -32,8 +32,8 @@ from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 Precision: TypeAlias = Literal["float32", "bfloat16"]
 LARGEST_GRADIENT = 1.0  # norm
 WARM_UP, FIRST_RATE, LAST_RATE = 0.1, 1 / 25, 1e-5  # share of the steps; learning rates, relative to the largest
-AGAIN = 0.5  # largest learning rate of a training that starts from a prior, relative to the usual one
-FEW = 20  # batches for the means and variances at the start of such a training
+RESTART_RATE = 0.5  # largest learning rate of a training that starts from a prior, relative to the usual one
+STATISTICS_BATCHES = 20  # batches for the means and variances at the start of such a training
 
 
 def least_side(cell: int) -> int:
@@ -118,7 +118,7 @@ def train_prior(
         epochs = max(1, round(training.default_crops / training.crops))
     if epochs < 1:
         raise ValueError(f"epochs must be at least 1, got {epochs}")
-    digest, of_start = digest_of_images(images), "" if start is None else digest_of_weights(start.weights)
+    digest, start_digest = digest_of_images(images), "" if start is None else digest_of_weights(start.weights)
     identity = {
         "images": digest,
         "spec": spec.to_json(),
@@ -126,7 +126,7 @@ def train_prior(
         "seed": seed,
         "architecture": [list(architecture.widths), list(architecture.blocks)],
         "precision": precision,
-        "start": of_start,
+        "start": start_digest,
     }
     weights, losses = _fit(
         partial(network, architecture),
@@ -143,7 +143,7 @@ def train_prior(
         seed=seed,
         epochs=epochs,
         losses=tuple(losses),
-        start=of_start,
+        start=start_digest,
         precision=precision,
     )
     return LearnedPrior(spec, architecture, weights.half(), learning)
@@ -170,15 +170,15 @@ def _fit(
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     if start is not None:
         with seeded(seed):
-            batches = islice(training.batches(0), FEW)
+            batches = islice(training.batches(0), STATISTICS_BATCHES)
             unfold_statistics(network, lambda: [training.loss(network, _move_to(device, batch)) for batch in batches])
-    largest = training.learning_rate * (1.0 if start is None else AGAIN)
+    largest = training.learning_rate * (1.0 if start is None else RESTART_RATE)
     optimizer = torch.optim.AdamW(network.parameters(), largest, weight_decay=training.weight_decay)
     schedule = learning_rates(optimizer, largest, epochs * steps)
     parts: dict[str, Any] = {"network": network, "optimizer": optimizer, "schedule": schedule}
     losses = _resume(checkpoint, identity, parts)
     for epoch in range(len(losses), epochs):
-        of_steps: list[Tensor] = []
+        step_losses: list[Tensor] = []
         with seeded(seed + epoch):  # of dropout
             for step, batch in enumerate(training.batches(epoch)):
                 progress(epoch * steps + step, epochs * steps, _report(epoch, epochs, losses))
@@ -189,8 +189,8 @@ def _fit(
                 clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
                 optimizer.step()
                 schedule.step()
-                of_steps.append(loss.detach())  # a tensor, so that a GPU goes on with the next step
-        total = sum(torch.stack(of_steps).tolist())
+                step_losses.append(loss.detach())  # a tensor, so that a GPU goes on with the next step
+        total = sum(torch.stack(step_losses).tolist())
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)

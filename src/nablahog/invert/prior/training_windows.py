@@ -27,7 +27,7 @@ LEAST_WINDOW_STD = 0.02  # standard deviation in 0…1; windows below it have le
 LEAST_HELD_OUT = 8  # held-out images needed to calibrate the confidence
 
 SHRUNK_SHARE = 0.5  # share of signed windows that are shrunk, where photographs are large enough
-STRUCTURE = 0.5  # weight of 1 - SSIM beside the mean square error
+SSIM_WEIGHT = 0.5  # weight of 1 - SSIM beside the mean square error
 UOCTTI, VLFEAT, DPM = presets.uoctti(CELL_PIXELS), presets.vlfeat(cell_size=CELL_PIXELS), presets.dpm(CELL_PIXELS)
 PIOTR, CNN_HOG = presets.piotr(CELL_PIXELS), presets.cnn_hog(CELL_PIXELS)
 
@@ -153,7 +153,7 @@ class SignedTraining(WindowTraining):
         mean = windows.mean(dim=(2, 3), keepdim=True)
         contrast = windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_WINDOW_STD)
         similarity = _ssim(image * contrast + mean, windows)
-        return mse_loss(image, (windows - mean) / contrast) + STRUCTURE * (1 - similarity)
+        return mse_loss(image, (windows - mean) / contrast) + SSIM_WEIGHT * (1 - similarity)
 
 
 def _ssim(a: Tensor, b: Tensor) -> Tensor:

@@ -33,7 +33,7 @@ MAX_FIRST_CELLS = 20  # rows or columns that are seen at first
 MAX_LAST_CELLS = 64  # rows or columns that are seen at last, at most
 COARSEST = 4  # cells for a pixel at the network's coarsest resolution, along each axis
 LEAST_CELLS = 2 * COARSEST
-WHOLE = 4  # parts along each axis, for the layers over the whole image
+WHOLE_PARTS = 4  # parts along each axis, for the layers over the whole image
 WHOLE_CHANNELS, WHOLE_UNITS = 64, 256  # channels of each part, and units for all of them
 DROPOUT = 0.1  # share of channels and units dropped in training, in the layers over the whole image
 SAMPLE_DROPOUT = 0.3  # the same share for samples: the best of eight is better than with 0.1, and as good as with 0.5
@@ -64,14 +64,14 @@ class _WholeImage(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        size = WHOLE_CHANNELS * WHOLE**2
+        size = WHOLE_CHANNELS * WHOLE_PARTS**2
         self.inp, self.out = nn.Conv2d(width, WHOLE_CHANNELS, 1), nn.Conv2d(WHOLE_CHANNELS, width, 1)
         self.a, self.b = nn.Linear(size, WHOLE_UNITS), nn.Linear(WHOLE_UNITS, size)
         self.dropout = nn.Dropout(DROPOUT)
         set_to_zero(self.out)
 
     def forward(self, x: Tensor) -> Tensor:
-        parts = adaptive_avg_pool2d(self.inp(gelu(x)), WHOLE)
+        parts = adaptive_avg_pool2d(self.inp(gelu(x)), WHOLE_PARTS)
         mixed = self.b(self.dropout(gelu(self.a(parts.flatten(1))))).view_as(parts)
         correction: Tensor = self.out(gelu(mixed))
         if correction.shape != x.shape:
@@ -99,9 +99,9 @@ class _Polarity(nn.Module):
             nn.Conv2d(second, third, 2, stride=2),
             ResidualBlock(third, DROPOUT),
             nn.GELU(),
-            nn.AdaptiveAvgPool2d(WHOLE),
+            nn.AdaptiveAvgPool2d(WHOLE_PARTS),
             nn.Flatten(),
-            nn.Linear(third * WHOLE**2, 64),
+            nn.Linear(third * WHOLE_PARTS**2, 64),
             nn.GELU(),
             nn.Dropout(0.5),
         )

@@ -1,8 +1,13 @@
-"""Region signs and polarity: which side of each edge is the brighter one, where the descriptor is unsigned.
+"""The start of a search: the smooth image that cell histograms integrate to.
 
-An unsigned histogram tells the strength and orientation of a cell's edges, but not the sign of their gradients.  The
-signs must form a gradient field, though, one that integrates to an image: they agree along a contour and sum to zero
-around a closed path.  With one sign s per cell this is a quadratic problem,
+A signed histogram holds the mean gradient of its cell, Σ_b h_b · direction of b: the gradient field at low resolution.
+Interpolated between cells and integrated (Poisson's equation, solved in the cosine basis), it is already a blurred
+version of the image.  A descent from noise alone would have to build that from randomly oriented pixels, and would keep
+some of their randomness.
+
+An unsigned histogram has no such mean: it tells the strength and orientation of a cell's edges, but not the sign of
+their gradients.  The signs must form a gradient field, though, one that integrates to an image: they agree along a
+contour and sum to zero around a closed path.  With one sign s per cell this is a quadratic problem,
 
     min over images u and signs s ∈ {-1, 1}:
         Σ_cells τ (∂u/∂n - s a)² + (∂u/∂t)²   +   μ Σ_neighbours (u_p - u_q)²   +   κ Σ_border w_p (u_p - ū)²,
@@ -13,42 +18,133 @@ last sum is the only assumption about photographs: the flat parts of their borde
 instead of signs (Goemans & Williamson 1995) of low dimension (Burer & Monteiro 2003), solved by the generalised power
 method, rounded by random hyperplanes, and improved by single flips.
 
-One sign remains unknown for the whole image, its polarity, and one for every region that no edge connects to others.
-An unsigned descriptor is the same for an image and its negative, but light is not symmetric:
-
-* a sensor saturates in bright areas: what is exactly flat is usually white, be it sky or paper;
-* shading multiplies reflectance: contrasts are stronger in bright areas;
-* small highlights stand out more than small shadows.
-
-None is certain.  Each cue is a number that changes its sign with the image; their weighted sum decides.
+One sign for every region that no edge connects to others remains unknown, and one for the whole image: its polarity
+(:mod:`.polarity`).
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
 
-from ..hog.orientation import bin_angles, magnitude
+from ..hog.descriptor import histograms
+from ..hog.entries import mean_over_colours
+from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
+from ..hog.taps import pooling_axes
+from .histograms import average_colours
+from .unknowns import from_cosines, to_cosines
+
+START_NOISE = 0.01  # standard deviation, in 0…1; without any, the two sides of a thin line would stay equal
+ROUNDING_CONTRAST = 1e-5  # in 0…1, far below a step of 8 bits and above the rounding of an enlargement
+TINY_WEIGHT = 1e-30
 
 COUPLING = 0.1  # μ: the mask [-1, 0, 1] splits the grid into four; this term couples them
 TRUST = 0.1  # τ of cells of several pixels: their gradients may cancel, so that a is only an upper bound
 BACKGROUND = 0.5  # κ of cells of several pixels; cells of one pixel do not need it
-FAINT = 0.3  # of the mean cell's votes: cells below it count as flat
+FAINT_SHARE = 0.3  # of the mean cell's votes: cells below it count as flat
 DIMENSION = 12  # of the relaxed signs
 POWER_ITERATIONS = 300  # of the power method
 ROUNDINGS = 32  # random hyperplanes
 MAX_CELLS = 1024  # Q is dense; a larger grid is solved at half its resolution
 
-PATCH_PIXELS = 8  # pixels; an image smaller than that is one patch
-# mean gradient magnitudes of a patch, images in 0…1: upper limits of flat patches, lower limit of textured ones
-EXACTLY_FLAT, FLAT, TEXTURED = 0.002, 0.006, 0.04
-INVISIBLE_STD = 1e-4  # standard deviation of detail, in 0…1, below which there is none
-LEAST_SHARE = 0.02  # of the patches: with fewer flat ones the cue is 0
-WEIGHTS = (3.0, 2.0, 0.8, 0.5)  # of the cues, chosen on exact photographs
+
+def starting_images(
+    histograms: Tensor, spec: HOGSpec, height: int, width: int, count: int, seed: int, spread: float = START_NOISE
+) -> Tensor:
+    """Images (B, count, 1, H, W) around 0.5 from histograms (B, colours · bins, rows, cols).
+
+    The noise has the standard deviation ``spread``, comes in pairs, and is the same for every image of the batch.
+    """
+    if spec.signed:
+        smooth = integrate(*mean_gradient(mean_over_colours(histograms, spec), spec, height, width)).unsqueeze(1)
+    else:
+        cells = expected_cells(average_colours(histograms, spec, (height, width)), spec, seed).unsqueeze(1)
+        # from votes of a cell, differences of two pixels, to the difference of two cells
+        per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
+        smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
+    return 0.5 + smooth / spec.value_range + pair_noise(histograms, height, width, count, seed, spread)
+
+
+def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = START_NOISE) -> Tensor:
+    """(1, count, 1, H, W), of zero mean and the standard deviation ``spread``."""
+    generator = torch.Generator().manual_seed(int(seed))
+    unit = torch.randn((1, count, 1, height, width), generator=generator, dtype=torch.float64)
+    return (unit * spread).to(like)
+
+
+def pair_noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float) -> Tensor:
+    """:func:`noise` in pairs of opposite sign: what depends linearly on the noise cancels in their mean."""
+    half = noise(like, height, width, (count + 1) // 2, seed, spread)
+    return torch.cat([half, -half[:, : count // 2]], dim=1)
+
+
+def match_contrast(image: Tensor, target: Tensor, spec: HOGSpec) -> Tensor:
+    """Images (B, 1, H, W) around 0.5, at the contrast for which their histograms come nearest to ``target``.
+
+    Images that only vary by rounding become constant.
+    """
+    image = image - image.mean(dim=(2, 3), keepdim=True)
+    varies = image.abs().amax(dim=(1, 2, 3), keepdim=True) > ROUNDING_CONTRAST
+    image = torch.where(varies, image, 0)
+    cells = histograms(image, spec)
+    size = cells.square().sum(dim=(1, 2, 3))
+    contrast = torch.where(size > 0, (cells * target).sum(dim=(1, 2, 3)) / torch.where(size > 0, size, 1), 1)
+    return 0.5 + image * contrast.reshape(-1, 1, 1, 1)
+
+
+def start_near(
+    histograms: Tensor, spec: HOGSpec, start: Tensor | None, expected: Tensor, seed: int
+) -> tuple[Tensor, Tensor]:
+    """Start and expected image at the contrast of the ``histograms``."""
+    expected = match_contrast(expected, histograms, spec)
+    start = expected if start is None else match_contrast(start, histograms, spec)
+    constant = (start == start[..., :1, :1]).flatten(1).all(dim=1)
+    if constant.any():  # all derivatives vanish there, so no search would leave it
+        height, width = start.shape[2:]
+        grainy = start + noise(histograms, height, width, 1, seed)[:, 0]
+        start = torch.where(constant.reshape(-1, 1, 1, 1), grainy, start)
+    return start, expected
+
+
+def enlarge(images: Tensor, height: int, width: int) -> Tensor:
+    """Images (B, K, h, w) to (B, K, H, W), bicubic; as they are if that is their size."""
+    if images.shape[2:] == (height, width):
+        return images
+    return interpolate(images, size=(height, width), mode="bicubic", align_corners=False)
+
+
+def mean_gradient(histograms: Tensor, spec: HOGSpec, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Smooth fields Gx, Gy, each (B, H, W) in units of Eq. 2, from a signed spec's histograms (B, bins, rows, cols)."""
+    angles = torch.from_numpy(bin_angles(spec)).to(histograms)
+    down, across = pooling_axes(replace(spec, border="reflect"), height, width, histograms)
+    # votes divided by the sum of the cell's weights are their mean; the same weights interpolate between the centres
+    mean = histograms / (down.totals().unsqueeze(1) * across.totals())
+    if not spec.pooling.interpolates:  # then the weights of a pixel do not sum to 1 yet
+        down, across = (
+            along.map(lambda weights: weights / weights.sum(dim=0).clamp(min=TINY_WEIGHT)) for along in (down, across)
+        )
+    gx, gy = (
+        across.spread(down.spread(torch.einsum("bkrc,k->brc", mean, f(angles)), -2), -1) for f in (torch.cos, torch.sin)
+    )
+    return gx, gy
+
+
+def integrate(gx: Tensor, gy: Tensor) -> Tensor:
+    """Images (B, 1, H, W) of zero mean whose [-1, 0, 1] differences are closest to smooth fields gx, gy (B, H, W)."""
+    height, width = gx.shape[-2:]
+    # the difference of two neighbours is half the mask's response, averaged over the two pixels
+    fx, fy = (gx[..., :, 1:] + gx[..., :, :-1]) / 4, (gy[..., 1:, :] + gy[..., :-1, :]) / 4
+    divergence = pad(fx, (0, 1)) - pad(fx, (1, 0)) + pad(fy, (0, 0, 0, 1)) - pad(fy, (0, 0, 1, 0))
+    along_y, along_x = (2 * torch.cos(math.pi * torch.arange(n) / n) - 2 for n in (height, width))
+    laplacian = (along_y.unsqueeze(1) + along_x).to(gx)  # its eigenvalues in the cosine basis
+    laplacian[0, 0] = torch.inf
+    return from_cosines(to_cosines(divergence) / laplacian).unsqueeze(1)
 
 
 class SignedCells(NamedTuple):
@@ -137,7 +233,7 @@ def _background(histograms: Tensor) -> Tensor:
     at_border[[0, -1]] = at_border[:, [0, -1]] = 1
     total = histograms.sum(dim=1)
     mean = total.mean(dim=(1, 2), keepdim=True)
-    weights = (at_border * torch.exp(-total / (FAINT * torch.where(mean > 0, mean, 1)))).flatten(1)
+    weights = (at_border * torch.exp(-total / (FAINT_SHARE * torch.where(mean > 0, mean, 1)))).flatten(1)
     share = weights / weights.sum(dim=1, keepdim=True).clamp(min=torch.finfo(histograms.dtype).tiny)
     return torch.diag_embed(weights) - weights.unsqueeze(2) * share.unsqueeze(1)
 
@@ -170,68 +266,3 @@ def _round(energy: Tensor, vectors: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     energies = ((signs @ energy) * signs).sum(dim=2)
     energies, order = energies.sort(dim=1, stable=True)
     return signs.gather(1, order.unsqueeze(2).expand_as(signs)), energies
-
-
-def brightness_cues(image: Tensor) -> Tensor:
-    """Images (B, 1, H, W) in 0…1 to cues (B, 4), positive for a photograph.
-
-    Whether exactly flat patches are bright, whether flat patches are, whether strong texture is, and highlights.
-    """
-    height, width = image.shape[-2:]
-    dx = pad(image[..., :, 2:] - image[..., :, :-2], (1, 1)) if width > 2 else torch.zeros_like(image)
-    dy = pad(image[..., 2:, :] - image[..., :-2, :], (0, 0, 1, 1)) if height > 2 else torch.zeros_like(image)
-    size = min(PATCH_PIXELS, height, width)
-    strength, brightness = avg_pool2d(magnitude(dx, dy), size), avg_pool2d(image, size)
-    textured = (strength > TEXTURED).to(image)
-    cues = (
-        _flat_is_bright(strength < EXACTLY_FLAT, brightness),
-        _flat_is_bright(strength < FLAT, brightness),
-        _correlation(brightness, torch.log(strength + 1e-3), textured),
-        _highlights(image),
-    )
-    return torch.stack(cues, dim=1)
-
-
-def find_negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-    """Which images (B, 1, H, W) in 0…1 are probably negatives, (B,), and the confidence (B,) after negating these.
-
-    A learned prior's ``confidence`` decides, the probability that an image is not a negative; without one, the cues do.
-    """
-    if confidence is None:
-        weights = torch.tensor(WEIGHTS, dtype=image.dtype, device=image.device)
-        return brightness_cues(image) @ weights < 0, None
-    return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
-
-
-def negate(image: Tensor, which: Tensor) -> Tensor:
-    """Images (B, 1, H, W) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
-    return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
-
-
-def _flat_is_bright(flat: Tensor, brightness: Tensor) -> Tensor:
-    """Correlation (B,) over patches of flatness with brightness; 0 if hardly any patch is flat."""
-    mask = flat.to(brightness)
-    correlation = _correlation(brightness, mask, torch.ones_like(mask))
-    return torch.where(mask.mean(dim=(1, 2, 3)) > LEAST_SHARE, correlation, 0)
-
-
-def _highlights(image: Tensor) -> Tensor:
-    """Skewness (B,) of the image minus its mean over 5x5 pixels."""
-    window = min(5, 2 * ((min(image.shape[-2:]) - 1) // 2) + 1)
-    if window == 1:
-        return image.new_zeros(len(image))
-    blurred = avg_pool2d(pad(image, (window // 2,) * 4, mode="reflect"), window, stride=1)
-    detail = image - blurred
-    energy = detail.square().mean(dim=(1, 2, 3))
-    visible = energy > INVISIBLE_STD**2
-    return torch.where(visible, detail.pow(3).mean(dim=(1, 2, 3)) / torch.where(visible, energy, 1).pow(1.5), 0)
-
-
-def _correlation(a: Tensor, b: Tensor, weight: Tensor) -> Tensor:
-    """Weighted Pearson correlation (B,); 0 where it is not defined."""
-    total = weight.sum(dim=(1, 2, 3), keepdim=True)
-    total = torch.where(total > 0, total, 1)
-    a, b = (x - (weight * x).sum(dim=(1, 2, 3), keepdim=True) / total for x in (a, b))
-    product, aa, bb = ((weight * x).sum(dim=(1, 2, 3)) for x in (a * b, a * a, b * b))
-    size = (aa * bb).sqrt()
-    return torch.where(size > 1e-12, product / torch.where(size > 1e-12, size, 1), 0)
