@@ -19,7 +19,6 @@ from nablahog.paper.pose_methods import Table2Settings
 from nablahog.paper.table2 import PoseJob
 from nablahog.pose import model
 from nablahog.pose.background import default_background
-from nablahog.pose.crop import typical_camera
 from nablahog.render.models import Model
 from nablahog.requests.inversion import InvertRequest
 from nablahog.requests.pose import PoseRequest
@@ -51,7 +50,7 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
         patch.setattr(model, "cached_array", lambda kind, key, shape, _: keys.update(views=key) or np.zeros(shape))
         keys |= {f"learned {kind}": learned.learned_from_samples(kind, print).name for kind in learned.LEARNED}
         ExemplarLibrary(None, default_background(EXEMPLAR_SPEC)).views(mesh)
-        model.view_descriptors(model.PreparedModel(mesh, typical_camera()), 15.0)
+        model.view_descriptors(model.PreparedModel(mesh), 15.0)
     return keys
 
 

@@ -13,17 +13,17 @@ from nablahog.hog import presets
 from nablahog.hog.box import Box
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import default_background, pose_spec
-from nablahog.pose.crop import FILL, ObjectCrop, crop_object, typical_camera
+from nablahog.pose.crop import FILL, ObjectCrop, crop_object
 from nablahog.pose.model import (
     DETAIL,
     ELEVATION_STEP,
     VIEW_COUNT,
     PreparedModel,
     azimuth_distance,
+    convex_hull,
     equidistant_azimuths,
     equivalent_azimuths,
     fit_to_box,
-    hull,
     level_poses,
     local_maxima,
     prepared_model,
@@ -63,7 +63,7 @@ def mesh() -> Mesh:
 
 
 def test_the_hull_decides_the_box(mesh: Mesh) -> None:
-    points, poses = hull(mesh), views()
+    points, poses = convex_hull(mesh), views()
     assert len(points) < len(mesh.vertices) / 2
     for few, all_of_them in zip(around(points, poses), around(mesh.vertices, poses), strict=True):
         assert_close(few, all_of_them)
@@ -73,7 +73,7 @@ def test_the_hull_decides_the_box(mesh: Mesh) -> None:
 def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, float]) -> None:
     poses = views()
     before = poses.clone()
-    placed = fit_to_box(poses, hull(mesh), CAMERA, size)
+    placed = fit_to_box(poses, convex_hull(mesh), CAMERA, size)
     assert torch.equal(poses, before)
     assert torch.equal(placed[:, [0, 1, 3]], before[:, [0, 1, 3]])
     low, high = around(mesh.vertices, placed)
@@ -82,14 +82,14 @@ def test_area_and_middle_are_those_of_the_box(mesh: Mesh, size: tuple[float, flo
 
 
 def test_the_longer_side_is_the_one_given(mesh: Mesh) -> None:
-    poses = fit_to_box(level_poses(torch.arange(0.0, 360, 40), 25), hull(mesh), CAMERA, 90.0)
+    poses = fit_to_box(level_poses(torch.arange(0.0, 360, 40), 25), convex_hull(mesh), CAMERA, 90.0)
     low, high = around(mesh.vertices, poses)
     assert_close((high - low).amax(1), torch.full_like(low[:, 0], 90), rtol=0.005, atol=0)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double(), rtol=0, atol=1e-3)
 
 
 def test_it_comes_no_closer_than_a_diagonal(mesh: Mesh) -> None:
-    placed = fit_to_box(views(), hull(mesh), CAMERA, (2000.0, 2000.0))
+    placed = fit_to_box(views(), convex_hull(mesh), CAMERA, (2000.0, 2000.0))
     assert (placed[:, 2] == 1).all()
     low, high = around(mesh.vertices, placed)
     assert_close((low + high) / 2, torch.tensor([[80.0, 64.0]]).expand(len(low), -1).double())
@@ -100,9 +100,9 @@ def test_of_flat_meshes_all_corners_count(corners: int) -> None:
     vertices = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, 1]], dtype=torch.float64)[:corners]
     flat = Mesh(vertices, torch.tensor([[0, 1, 2]]), torch.ones(corners, dtype=torch.float64)).normalized()
     half = 0.5**1.5
-    assert_close(hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
+    assert_close(convex_hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
     edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
-    assert torch.isfinite(fit_to_box(edge_on, hull(flat), CAMERA, (100.0, 50.0))).all()
+    assert torch.isfinite(fit_to_box(edge_on, convex_hull(flat), CAMERA, (100.0, 50.0))).all()
 
 
 def test_distances_go_round() -> None:
@@ -181,25 +181,25 @@ def test_calibrated_templates_have_whole_and_half_cells(crop: ObjectCrop) -> Non
     assert photograph.calibrated.whitener is PreparedPhotograph(crop).calibrated.whitener  # takes longer than the rest
 
 
-def test_a_model_is_prepared_once_for_a_camera(crop: ObjectCrop) -> None:
-    prepared = prepared_model(model(), crop.camera)
-    assert prepared_model(model(), crop.camera) is prepared
+def test_a_model_is_prepared_once(crop: ObjectCrop) -> None:
+    prepared = prepared_model(model())
+    assert prepared_model(model()) is prepared
     template = PreparedPhotograph(crop).fine
     renderers = [prepared.similarity(template, *options).renderer for options in ((), ("opendr",), ("edges", 2), ())]  # type: ignore[arg-type]
     assert renderers[0] is renderers[3]
     assert [(each.method, each.supersampling) for each in renderers[:3]] == [("edges", 1), ("opendr", 1), ("edges", 2)]
     assert all(each.camera == crop.camera for each in renderers)
-    other = Camera(100.0, 64, 64)
-    assert prepared_model(model(), other).camera == other
+    other = Camera(100.0, 128, 128)
+    assert prepared.similarity(template, camera=other).renderer.camera == other
 
 
 def test_less_detail_takes_fewer_faces(crop: ObjectCrop) -> None:
     template = PreparedPhotograph(crop).calibrated
-    exact, coarse = (prepared_model(model(), crop.camera).similarity(template, detail=detail) for detail in (0.0, 4.0))
+    exact, coarse = (prepared_model(model()).similarity(template, detail=detail) for detail in (0.0, 4.0))
     assert len(coarse.renderer.mesh.faces) < 0.8 * len(exact.renderer.mesh.faces)
     poses = columns(torch.arange(0.0, 360, 15))
     assert torch.corrcoef(torch.stack([exact.values(poses), coarse.values(poses)]))[0, 1] > 0.9
-    assert prepared_model(model(), crop.camera).similarity(template, detail=4.0).renderer is coarse.renderer
+    assert prepared_model(model()).similarity(template, detail=4.0).renderer is coarse.renderer
 
 
 # --- views ------------------------------------------------------------------------------------------------------------
@@ -212,7 +212,7 @@ def photograph(crop: ObjectCrop) -> PreparedPhotograph:
 
 @pytest.fixture(scope="module")
 def prepared(crop: ObjectCrop) -> PreparedModel:
-    return prepared_model(model(), crop.camera)
+    return prepared_model(model())
 
 
 BOTTLE, SLAB = cylinder(32), cuboid((0.8, 0.4, 0.5), 0.6)  # a solid of revolution, and what looks the same from behind
@@ -242,10 +242,9 @@ def test_elevations_are_those_next_to_the_one_asked_for(prepared: PreparedModel)
 
 
 def test_azimuths_from_which_a_model_looks_the_same() -> None:
-    camera = typical_camera()
-    assert len(equivalent_azimuths(prepared_model(BOTTLE, camera), 10, 15)) == 47
-    assert equivalent_azimuths(prepared_model(SLAB, camera), 20, 15) == (200,)
-    assert equivalent_azimuths(prepared_model(model(), camera), 20, 15) == ()
+    assert len(equivalent_azimuths(prepared_model(BOTTLE), 10, 15)) == 47
+    assert equivalent_azimuths(prepared_model(SLAB), 20, 15) == (200,)
+    assert equivalent_azimuths(prepared_model(model()), 20, 15) == ()
 
 
 def test_a_bottle_has_any_azimuth() -> None:

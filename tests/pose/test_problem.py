@@ -14,7 +14,7 @@ from torch.testing import assert_close
 from nablahog.hog.box import Box
 from nablahog.pose import PoseEstimate, best_search
 from nablahog.pose.best_search import BestSearch
-from nablahog.pose.crop import crop_object, typical_camera
+from nablahog.pose.crop import crop_object
 from nablahog.pose.model import prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import SMALL_PENALTY, STEEP_PENALTY, TILT_PENALTY, PoseProblem, view_penalty
@@ -146,7 +146,7 @@ def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) 
         PreparedPhotograph(crop_object(IMAGE, BOX)),
         Box.of(BOX),
         () if boxes else None,
-        {"": prepared_model(model(), typical_camera())},
+        {"": prepared_model(model())},
         initial,
     )
 
@@ -175,20 +175,20 @@ def test_an_object_anywhere_loses_with_each_halving_of_its_size() -> None:
 
 def test_the_best_view_is_searched_however_bad_it_is() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
-    (view,) = search.look_around()[:1]
+    (view,) = search.find_level_views()[:1]
     bad = view.move(view.pose, -1.0, -1.0)
     assert search.select_promising([bad, view.move(view.pose, -5.0, -5.0)]) == [bad]
 
 
 def test_there_may_be_no_views_elsewhere() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
-    assert search.tilt_each(search.select_promising([])) == []
+    assert search.tilt(search.select_promising([])) == []
 
 
 def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(best_search, "view_descriptors", lambda *_: torch.zeros(48, 9, 16, 16))
     monkeypatch.setattr(Similarity, "values", lambda self, poses: torch.zeros(len(poses), dtype=torch.float64))
     search = BestSearch(problem())
-    views = search.look_around()
+    views = search.find_level_views()
     assert {float(view.pose[1]) for view in views} <= {0.0, 15.0, 30.0}
-    assert all(view.pose[3] == 0 for view in search.tilt_each(views))
+    assert all(view.pose[3] == 0 for view in search.tilt(views))

@@ -52,7 +52,7 @@ def test_calibrated_is_the_score_of_the_renderings_discriminant(
     assert template.shrink == 2
     q = torch.rand(3, *template.weights.shape)
     w = template.whitener(q)
-    x = template.whitener.centre_coordinates(describe(crop.downsample(2).image, template.spec))
+    x = template.whitener.subtract_mean(describe(crop.downsample(2).image, template.spec))
     deviation = (w * q).sum((1, 2, 3)).sqrt()  # Σ w is q again
     values, slopes = template.values_and_gradients(q)
     assert_close(values, (w * x).sum((1, 2, 3)) / deviation, rtol=1e-3, atol=1e-3)

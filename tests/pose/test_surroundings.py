@@ -14,14 +14,14 @@ from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.images import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
-from nablahog.pose.crop import FILL, crop_object, typical_camera
+from nablahog.pose.crop import FILL, crop_object
+from nablahog.pose.detection import find_boxes
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.surroundings import (
     FOUND,
     ROUGH,
     describe_surroundings,
-    find_boxes,
     find_views,
     map_grid,
     turn_image,
@@ -75,7 +75,7 @@ def test_the_best_view_is_where_the_object_is() -> None:
     rough = box.x0 - 0.3 * box.width, box.y0 - 0.2 * box.height, box.x1 + 0.05 * box.width, box.y1 + 0.15 * box.height
     photograph = PreparedPhotograph(crop_object(image, rough))
     crop = photograph.crop
-    one = prepared_model(model(), crop.camera)
+    one = prepared_model(model())
     everywhere = torch.ones(VIEW_COUNT, dtype=torch.bool)
     around = describe_surroundings(photograph, image, [-15, 0, 15], ROUGH)
     poses, similarities = find_views(one, photograph, around, [0, 15, 30], everywhere, 4)
@@ -90,7 +90,7 @@ def test_the_best_view_is_where_the_object_is() -> None:
 def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Tensor, PreparedPhotograph]) -> None:
     """The same windows said to be of twice the size, or half a side away: 5 % less each, 10 % for both."""
     image, photograph = photo
-    one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
+    one, everywhere = prepared_model(model()), torch.ones(VIEW_COUNT, dtype=torch.bool)
     windows = torch.stack([view_descriptors(one, 15)[5].flatten()] * 4)
     scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
     scores = []
@@ -110,7 +110,7 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Te
 
 def test_a_tilted_view_is_the_upright_one_turned_about_the_window(photo: tuple[Tensor, PreparedPhotograph]) -> None:
     image, photograph = photo
-    one, everywhere = prepared_model(model(), photograph.crop.camera), torch.ones(VIEW_COUNT, dtype=torch.bool)
+    one, everywhere = prepared_model(model()), torch.ones(VIEW_COUNT, dtype=torch.bool)
     scale, tilt, centre = 1.25, 25.0, torch.tensor([6.0, -9.0]).double()
     around = dataclasses.replace(
         describe_surroundings(photograph, image, [0], FOUND),
@@ -193,7 +193,5 @@ def test_the_pose_of_a_crop_is_that_of_the_given_box() -> None:
 
 
 def test_where_there_is_nothing_to_see_the_largest_box_is_the_likeliest() -> None:
-    (box, *_) = find_boxes(
-        torch.full((1, 300, 360), 0.5), [prepared_model(model(), typical_camera())], None, 180.0, None
-    )
+    (box, *_) = find_boxes(torch.full((1, 300, 360), 0.5), [prepared_model(model())], None, 180.0, None)
     assert max(box.width, box.height) > 250

@@ -114,8 +114,8 @@ def _turned(mesh: Mesh) -> Mesh:
 def test_the_default_prior_knows_chairs_whose_front_is_where_it_expects_it() -> None:
     prior = default_viewpoints()
     chairs = [chair(seed) for seed in range(3)]
-    assert recognizes_models(prior, [prepared_model(mesh, typical_camera()) for mesh in chairs])
-    assert not recognizes_models(prior, [prepared_model(_turned(mesh), typical_camera()) for mesh in chairs])
+    assert recognizes_models(prior, [prepared_model(mesh) for mesh in chairs])
+    assert not recognizes_models(prior, [prepared_model(_turned(mesh)) for mesh in chairs])
 
 
 def _scene(index: int, models: dict[str, Mesh], photographs: list[Tensor]) -> Scene:
@@ -145,18 +145,18 @@ def test_another_choice_is_refused() -> None:
 def test_a_pose_with_a_crop_of_its_own_is_judged_in_the_box_that_was_given() -> None:
     made = _scene(0, {"a": chair(1)}, [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))])
     given, other = (PreparedPhotograph(crop_object(made.image, box)) for box in (made.box, (20, 20, 90, 110)))
-    models = {"a": prepared_model(chair(1), typical_camera()), "b": prepared_model(chair(2), typical_camera())}
+    models = {"a": prepared_model(chair(1)), "b": prepared_model(chair(2))}
     problem = PoseProblem(
         made.image, given, made.box, None, models, initial=(0.0, 15.0), viewpoints=default_viewpoints()
     )
     pose = torch.tensor([200.0, 15, 3, 0, 0, 0], dtype=torch.float64)
     own, elsewhere = (Hypothesis(5.0, "a", pose, crop, given) for crop in (given, other))
-    evidence = BestSearch(problem).azimuth_evidence([own, elsewhere])
+    evidence = BestSearch(problem).weigh_azimuths([own, elsewhere])
     assert evidence[0] == evidence[1] < 0
 
 
 def test_views_alone_say_from_which_side_an_object_is_seen() -> None:
-    models = [prepared_model(chair(seed), typical_camera()) for seed in range(4)]
+    models = [prepared_model(chair(seed)) for seed in range(4)]
     pose = torch.tensor([[140.0, 15, 3, 0, 0, 0]])
     image = render(chair(0), pose, typical_camera())[0]
     photograph = PreparedPhotograph(crop_object(image, (8, 8, 120, 120)))

@@ -15,8 +15,8 @@ from nablahog.pose.vote import (
     compare_shares,
     mean_viewpoint,
     midway_azimuth,
-    runners_up,
-    select_starts,
+    select_other_sides,
+    select_runners_up,
     vote,
 )
 
@@ -109,14 +109,14 @@ def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
 
 def test_more_starts_look_from_elsewhere() -> None:
     views = poses([0, 100, 110, 5, 200], [3.0, 2.0, 1.9, 2.5, 1.0])
-    assert [one.azimuth for one in select_starts(views, views[:1])] == [100, 200]
+    assert [one.azimuth for one in select_other_sides(views, [0.0], 2)] == [100, 200]
 
 
 def test_runners_up_are_no_symmetric_views() -> None:
     views = poses([0, 90, 180, 270], [4.0, 3.0, 3.5, 2.0])
     best = views[0].move(views[0].pose, 6.0, 5.0)
-    others = runners_up(compare_shares(best, [best], views), best, (180.0,))
-    assert [(one.azimuth, share) for one, share in others] == [(90, 0.75), (270, 0.5)]
+    others = select_runners_up(compare_shares(best, [best], views), [best.azimuth, 180.0])
+    assert [(one.azimuth, share) for one, share in others.items()] == [(90, 0.75), (270, 0.5)]
 
 
 def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:

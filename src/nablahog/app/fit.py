@@ -68,13 +68,13 @@ class Fitting:
     @cached_property
     def prepared(self) -> PreparedModel:
         """The model with its renderers."""
-        return prepared_model(self.model.mesh, self.crop.camera)
+        return prepared_model(self.model.mesh)
 
     @cached_property
     def similarity(self) -> Similarity:
         """The calibrated similarity of a rendering to the object."""
         template = PreparedPhotograph(self.crop).template("calibrated")
-        return self.prepared.similarity(template, supersampling=PAGE_SUPERSAMPLING)
+        return self.prepared.similarity(template, supersampling=PAGE_SUPERSAMPLING, camera=self.crop.camera)
 
     def ready(self) -> dict[str, Any]:
         """The message that the page needs before a pose is shown."""
@@ -93,7 +93,7 @@ class Fitting:
         with as_request_error():
             poses = self._poses(pose, place)
             values, derivatives = self.similarity.derivatives(poses)
-            renderer = self.prepared.renderer(supersampling=PAGE_SUPERSAMPLING)
+            renderer = self.prepared.renderer(supersampling=PAGE_SUPERSAMPLING, camera=self.crop.camera)
             white, black = (renderer.render(poses, level, derivative=False).image[0] for level in (1.0, 0.0))
         opacity = (1 - (white - black)).clamp(0, 1)
         own = torch.where(opacity > 0, black / torch.where(opacity > 0, opacity, 1), 0)

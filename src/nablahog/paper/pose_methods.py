@@ -125,7 +125,7 @@ def _exemplar(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
     height, width = problem.image.shape[1:]
     crop = crop_object(problem.image, problem.box)
     start = level_poses(torch.tensor([detected.azimuth], dtype=torch.float64), detected.elevation)
-    model = prepared_model(problem.models[detected.model], crop.camera)
+    model = prepared_model(problem.models[detected.model])
     placed = fit_to_box(start, model.hull, crop.camera, crop.size)[0]
     pose, camera = crop.place_in_photograph(placed, height, width)
     return _outcome(pose, camera, detected.model, detected.confidence)

@@ -16,11 +16,11 @@ from ..hog.gradient import gray
 from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
-from .options import ORDER
 from .whitening import Background, check_spec
 
 FOLDER = Path(__file__).with_name("default_backgrounds")  # see its README.md
 SCALE_STEP = 2**-0.5  # between two scales of a photograph
+ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
 RING = 1  # cells next to the border of an image, which are unlike all others
 COARSE, FINE = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
 _SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from threading import Lock
 
@@ -27,7 +27,7 @@ from .photograph import PreparedPhotograph
 from .problem import PoseProblem
 from .result import PoseEstimate
 from .similarity import Similarity
-from .surroundings import FOUND, ROUGH, Surroundings, describe_surroundings, find_views
+from .surroundings import FOUND, ROUGH, describe_surroundings, find_views
 from .viewpoint_prior import ViewpointPrior
 from .vote import (
     Hypothesis,
@@ -39,21 +39,22 @@ from .vote import (
     mean_viewpoint,
     midway_azimuth,
     recognizes_models,
-    runners_up,
-    select_starts,
+    select_other_sides,
+    select_runners_up,
     sort_by_score,
     vote,
 )
 
 VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
-_SIDES = 4  # of the object that are voted for: the best one and the runners-up
+_VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
-_STARTS = 4  # local maxima of a model's views, at most, that are tilted
+_VIEW_MAXIMA = 4  # local maxima of a model's views, at most, that are tilted
 _PROMISING_SHARE = 0.75  # of the best view's similarity: views above it may still turn out to be the best
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 _ENOUGH_COARSE = 6.5  # coarse similarity of views that fill the given box, from which on no other boxes are searched
 _ENOUGH_FINE = 8.0  # fine similarity from which on no further ascents are tried
+_MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
 _AVERAGED = 8  # best poses of the side with most votes, whose viewpoints are averaged
 
 
@@ -64,80 +65,82 @@ def best_search(problem: PoseProblem) -> PoseEstimate:
     object first: a single wrong model may fit any side.
     """
     search = BestSearch(problem)
-    tilted = search.tilt_each(search.select_promising(search.look_around()))
+    tilted = search.tilt(search.select_promising(search.find_level_views()))
     if search.calibrated and max(hypothesis.similarity for hypothesis in tilted) < _ENOUGH_COARSE:
-        tilted += search.tilt_each(search.select_promising(search.look_elsewhere()))
+        tilted += search.tilt(search.select_promising(search.find_other_views()))
     return search.choose_by_vote(tilted) if search.voting else search.choose_best(tilted)
 
 
 class BestSearch:
-    """The steps of the search, their templates, and the number of renderings."""
+    """The steps of the search, and the similarities that they have used."""
 
     def __init__(self, problem: PoseProblem) -> None:
         self.problem = problem
-        self.kind = problem.similarity or "calibrated"
-        self.calibrated = self.kind == "calibrated"  # only then can poses be compared whatever box they fill
+        self.calibrated = problem.similarity == "calibrated"  # only then can poses be compared whatever box they fill
         self.voting = len(problem.models) > 1 and self.calibrated
-        self.most_views = VOTERS if self.voting else _STARTS  # that are looked at closely
-        self.renderings = 0
-        self._lock = Lock()
+        self.most_views = VOTERS if self.voting else _VIEW_MAXIMA  # that are looked at closely
+        self._similarities: list[Similarity] = []
+        self._cached_views = 0  # that were compared with the photograph
+        self._watching = Lock()
 
     def choose_best(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
         """The best pose of a single model, or of a similarity for which there is no vote."""
         chosen = add_rival(tilted)
-        refined = self.ascend_each(chosen)
+        refined = self.ascend(chosen)
         if self.calibrated:
-            for start in select_starts(tilted, chosen):
+            for start in select_other_sides(tilted, [pose.azimuth for pose in chosen], _MORE_ASCENTS):
                 if max(hypothesis.similarity for hypothesis in refined) >= _ENOUGH_FINE:
                     break
                 chosen.append(start)
-                refined += self.ascend_each([start])
+                refined += self.ascend([start])
         best = max(refined, key=lambda hypothesis: hypothesis.score)
         traced = [*refined, *(hypothesis for hypothesis in tilted if hypothesis not in chosen)]
         return self._estimate(best, traced, compare_shares(best, refined, tilted), agreement=1.0)
 
     def choose_by_vote(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
         """The side on which poses of several models agree, and the best of these."""
-        voters = self.ascend_each(tilted, VOTING_SCHEDULE)
-        (on_side, share), *other_sides = vote(voters, _SIDES, self.azimuth_evidence(voters))
+        voters = self.ascend(tilted, VOTING_SCHEDULE)
+        (on_side, share), *other_sides = vote(voters, _VOTED_SIDES, self.weigh_azimuths(voters))
         chosen = on_side[:_AVERAGED]
-        ascended = self.ascend_each(chosen)
+        ascended = self.ascend(chosen)
         agreeing = sort_by_score(ascended)
         viewpoint = mean_viewpoint(agreeing)
         if self._prior is not None:
             log_probabilities = self._prior.log_probabilities(agreeing[0].place.crop.image)[0]
             viewpoint[0] = midway_azimuth(viewpoint[0], log_probabilities)
-        best = self.view_from(viewpoint, agreeing[0])
+        best = self.move_to_viewpoint(agreeing[0], viewpoint)
         traced = [*ascended, *(hypothesis for hypothesis in voters if hypothesis not in chosen)]
-        shares = [(other_share / share, poses[0]) for poses, other_share in other_sides]
+        shares = {poses[0]: other_share / share for poses, other_share in other_sides}
         return self._estimate(best, traced, shares, agreement=share)
 
-    def look_around(self) -> list[Hypothesis]:
+    def find_level_views(self) -> list[Hypothesis]:
         """The best views of all models at all elevations, at most :attr:`most_views`, the best first."""
         azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self.problem.level_penalties
         found: list[tuple[float, float, str, float, Tensor]] = []
-        for name, model in self.problem.each_model():
+        for name, model in self.problem.iterate_models():
             for elevation in self.problem.elevations:
                 values = self._view_similarities(model, elevation)
                 values[~self.problem.allowed] = -torch.inf
-                best = local_maxima(values, _STARTS)
+                best = local_maxima(values, _VIEW_MAXIMA)
                 for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
                     found.append((value - penalties[elevation], value, name, elevation, azimuth))
-                self.renderings += VIEW_COUNT
         finite = sorted((view for view in found if math.isfinite(view[0])), key=lambda view: -view[0])
-        return [self._level_view(*view[1:]) for view in finite[: self.most_views]]
+        return [self._place_level_view(*view[1:]) for view in finite[: self.most_views]]
 
-    def look_elsewhere(self) -> list[Hypothesis]:
+    def find_other_views(self) -> list[Hypothesis]:
         """The best views of all models that fill another box or are tilted, the best first."""
-        found = []
-        for name, model in self.problem.models.items():
-            for place, around in self._surroundings:
-                views = find_views(model, place, around, self.problem.elevations, self.problem.allowed, _STARTS)
+        problem, found = self.problem, []
+        places = [problem.photograph, *map(problem.crop_around, problem.other_boxes or ())]
+        reach = ROUGH if problem.other_boxes is None else FOUND
+        surroundings = [describe_surroundings(place, problem.image, problem.tilts, reach) for place in places]
+        for name, model in problem.models.items():
+            for place, around in zip(places, surroundings, strict=True):
+                views = find_views(model, place, around, problem.elevations, problem.allowed, _VIEW_MAXIMA)
                 for pose, value in zip(views[0], views[1].tolist(), strict=True):
-                    found.append((value - float(self.problem.penalty(pose[None], place)), value, name, place, pose))
+                    found.append((value - float(problem.penalty(pose[None], place)), value, name, place, pose))
         best = sorted(found, key=lambda view: -view[0])[: self.most_views]
-        views_elsewhere = (self._reframed(*view[1:]) for view in best)
-        return [view for view in views_elsewhere if view is not None]
+        reframed = (self._reframe(*view[1:]) for view in best)
+        return [view for view in reframed if view is not None]
 
     def select_promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
         """Those ``views``, the best first, that are nearly as good as the best; all for a vote."""
@@ -146,15 +149,15 @@ class BestSearch:
         least = views[0].score - (1 - _PROMISING_SHARE) * abs(views[0].score)
         return [view for view in views if view.score >= least]
 
-    def tilt_each(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def tilt(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The best of small turns of azimuth and in the image plane, of each view.
 
         The two are hard to tell apart: seen from above, either moves the top of an object across its foot.
         """
-        similarities = [self._similarity(view, fine=False) for view in views]  # made before threads ask for them
+        similarities = [self._similarity(view) for view in views]  # made before threads ask for them
         return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
 
-    def ascend_each(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
+    def ascend(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
         """The highest similarity near each start, of any models, by rounds of quadratic ascents."""
         similarities = [self._similarity(start, fine=True) for start in starts]
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
@@ -166,7 +169,7 @@ class BestSearch:
         prior = self.problem.viewpoints
         return prior if prior is not None and recognizes_models(prior, list(self.problem.models.values())) else None
 
-    def azimuth_evidence(self, poses: Sequence[Hypothesis]) -> Tensor:
+    def weigh_azimuths(self, poses: Sequence[Hypothesis]) -> Tensor:
         """Logarithms of the probabilities of the poses' azimuths for any model, (N,)."""
         # in a crop of its own a pose would confirm itself
         places = list(dict.fromkeys(hypothesis.place for hypothesis in poses))
@@ -176,31 +179,31 @@ class BestSearch:
         azimuths = torch.tensor([hypothesis.azimuth for hypothesis in poses], dtype=torch.float64)
         return interpolate_evidence(evidence[rows], azimuths)
 
-    def view_from(self, viewpoint: Tensor, start: Hypothesis) -> Hypothesis:
-        """A pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
+    def move_to_viewpoint(self, start: Hypothesis, viewpoint: Tensor) -> Hypothesis:
+        """The pose at another azimuth, elevation and in-plane rotation, (3,), degrees."""
         pose = start.pose.clone()
         pose[[0, 1, 3]] = viewpoint
         pose = self.problem.limit_azimuths(pose[None])[0]
-        return start.move(pose, self._value(start, pose, fine=True), self._value(start, pose, fine=False))
+        fine, coarse = (float(self._similarity(start, fine=fine).values(pose[None])) for fine in (True, False))
+        return start.move(pose, fine, coarse)
 
     def _estimate(
         self,
         best: Hypothesis,
         traced: Sequence[Hypothesis],
-        shares: Sequence[tuple[float, Hypothesis]],
+        shares: Mapping[Hypothesis, float],
         *,
         agreement: float,
     ) -> PoseEstimate:
         """The estimate of the best pose, with its runners-up and its confidence."""
-        with_views = self.problem.elevations
-        elevation = min(with_views, key=lambda elevation: abs(elevation - float(best.pose[1])))
+        elevation = min(self.problem.elevations, key=lambda elevation: abs(elevation - float(best.pose[1])))
         same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
-        others = runners_up(shares, best, same_view)
-        rivals = tuple(self._as_estimate(hypothesis, share=share) for hypothesis, share in others)
+        others = select_runners_up(shares, [best.azimuth, *same_view])
+        rivals = tuple(self._convert(hypothesis, share=share) for hypothesis, share in others.items())
         rival = rivals[0].share if rivals else 0.0
         lead = best.similarity - max((estimate.similarity for estimate in rivals), default=-math.inf)
         known = len(self.problem.models) == 1
-        return self._as_estimate(
+        return self._convert(
             best,
             traces=tuple(hypothesis.search_trace() for hypothesis in traced),
             runners_up=rivals,
@@ -210,40 +213,33 @@ class BestSearch:
             else None,
         )
 
-    def _as_estimate(self, hypothesis: Hypothesis, **attributes: object) -> PoseEstimate:
+    def _convert(self, hypothesis: Hypothesis, **attributes: object) -> PoseEstimate:
+        """The hypothesis as an estimate."""
         pose = hypothesis.photograph.crop.convert_pose(hypothesis.pose, self.problem.photograph.crop)
         return self.problem.estimate(
             hypothesis.model,
             pose,
             similarity=hypothesis.similarity,
-            similarity_kind=self.kind,
-            renderings=self.renderings,
+            renderings=self._cached_views + sum(similarity.renderings for similarity in self._similarities),
             **attributes,
         )
-
-    @cached_property
-    def _surroundings(self) -> list[tuple[PreparedPhotograph, Surroundings]]:
-        """The crops of all boxes with their surroundings."""
-        problem = self.problem
-        photographs = [problem.photograph, *map(problem.crop_around, problem.other_boxes or ())]
-        reach = ROUGH if problem.other_boxes is None else FOUND
-        return [(crop, describe_surroundings(crop, problem.image, problem.tilts, reach)) for crop in photographs]
 
     def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
         """Similarities (VIEW_COUNT,) of views all around."""
         photograph = self.problem.photograph
         if self.calibrated:
             views = view_descriptors(model, elevation, photograph.own_background)
+            self._cached_views += VIEW_COUNT
             return (views.flatten(1) @ photograph.calibrated.weights.flatten()).double()
         # without calibration the similarity depends on the size of the object
         poses = self.problem.level_views(model, equidistant_azimuths(VIEW_COUNT), elevation)
-        return self._similarity_of(model, photograph, fine=False).values(poses)
+        return self._make_similarity(model, photograph).values(poses)
 
-    def _level_view(self, value: float, name: str, elevation: float, azimuth: Tensor) -> Hypothesis:
+    def _place_level_view(self, value: float, name: str, elevation: float, azimuth: Tensor) -> Hypothesis:
         (pose,) = self.problem.level_views(self.problem.models[name], azimuth[None], elevation)
-        return self._hypothesis(value, name, pose, self.problem.photograph, self.problem.photograph)
+        return self._start(value, name, pose, self.problem.photograph, self.problem.photograph)
 
-    def _reframed(self, value: float, name: str, place: PreparedPhotograph, pose: Tensor) -> Hypothesis | None:
+    def _reframe(self, value: float, name: str, place: PreparedPhotograph, pose: Tensor) -> Hypothesis | None:
         """A view with the crop around it; None for level views that fill the given box, which are there already."""
         model, crop = self.problem.models[name], place.crop
         (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
@@ -251,11 +247,11 @@ class BestSearch:
             if pose[3] == 0 and place is self.problem.photograph:
                 return None
             (pose,) = self.problem.fit(model, pose[None], place)
-            return self._hypothesis(value, name, pose, place, place)
+            return self._start(value, name, pose, place, place)
         other = self.problem.crop_around(crop.box_in_photograph(box))
-        return self._hypothesis(value, name, crop.convert_pose(pose, other.crop), other, place)
+        return self._start(value, name, crop.convert_pose(pose, other.crop), other, place)
 
-    def _hypothesis(
+    def _start(
         self, value: float, name: str, pose: Tensor, photograph: PreparedPhotograph, place: PreparedPhotograph
     ) -> Hypothesis:
         penalty = float(self.problem.penalty(pose[None], photograph))
@@ -268,7 +264,6 @@ class BestSearch:
         poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
         poses = self.problem.fit(self.problem.models[view.model], self.problem.limit_azimuths(poses), view.photograph)
         values = coarse.values(poses)
-        self._count(len(poses))
         penalties = self.problem.penalty(poses, view.photograph)
         best = int((values - penalties).argmax())
         pose, value = poses[best], float(values[best])
@@ -280,27 +275,22 @@ class BestSearch:
         watch = partial(self._watch, start)
         pose = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
         value = float(fine.values(pose[None]))
-        self._count(fine.renderings)
-        penalty = float(self.problem.penalty(pose[None], start.photograph))
-        return start.move(pose, value, self._value(start, pose, fine=False), penalty)
+        coarse = float(self._similarity(start).values(pose[None]))
+        return start.move(pose, value, coarse, float(self.problem.penalty(pose[None], start.photograph)))
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
         crop = self.problem.photograph.crop
-        with self._lock:
+        with self._watching:
             self.problem.watch(hypothesis.model, hypothesis.photograph.crop.convert_pose(pose, crop))
 
-    def _value(self, hypothesis: Hypothesis, pose: Tensor, *, fine: bool) -> float:
-        self._count(1)
-        return float(self._similarity(hypothesis, fine=fine).values(pose[None]))
+    def _similarity(self, hypothesis: Hypothesis, *, fine: bool = False) -> Similarity:
+        """The similarity to a hypothesis's crop; only the calibrated kind has smaller cells in the last steps."""
+        return self._make_similarity(self.problem.models[hypothesis.model], hypothesis.photograph, fine=fine)
 
-    def _count(self, renderings: int) -> None:
-        with self._lock:
-            self.renderings += renderings
-
-    def _similarity(self, hypothesis: Hypothesis, *, fine: bool) -> Similarity:
-        return self._similarity_of(self.problem.models[hypothesis.model], hypothesis.photograph, fine=fine)
-
-    def _similarity_of(self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool) -> Similarity:
-        """The similarity to a crop; only the calibrated kind has smaller cells in the last steps."""
-        template = photograph.fine if fine and self.calibrated else photograph.template(self.kind)
-        return model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)
+    def _make_similarity(
+        self, model: PreparedModel, photograph: PreparedPhotograph, *, fine: bool = False
+    ) -> Similarity:
+        template = photograph.fine if fine and self.calibrated else photograph.template(self.problem.similarity)
+        similarity = model.similarity(template, detail=DETAIL, camera=photograph.crop.camera)
+        self._similarities.append(similarity)
+        return similarity

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -25,13 +25,13 @@ from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import momentum_ascent
 from .best_search import best_search
-from .crop import apply_mask, check_photograph, crop_object, typical_camera
+from .crop import apply_mask, check_photograph, crop_object
+from .detection import find_boxes
 from .model import DETAIL, equidistant_azimuths, prepared_model
-from .options import FocalSource, Lens, SearchMethod, SearchTrace, SimilarityKind
+from .options import FocalSource, SearchMethod, SimilarityKind
 from .photograph import PreparedPhotograph
 from .problem import ELEVATIONS, PoseProblem
-from .result import PoseEstimate
-from .surroundings import find_boxes
+from .result import PoseEstimate, SearchTrace
 from .viewpoint_prior import ViewpointChoice, choose_viewpoints
 from .whitening import Background
 
@@ -43,12 +43,11 @@ RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1),
 
 def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
     """Ascent with momentum from the initial pose and azimuths all around, by the renderer of a method of the paper."""
-    kind = problem.similarity or "patches"
-    template = problem.photograph.template(kind)
+    template = problem.photograph.template(problem.similarity)
     azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
     azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(STARTS)])
     best, traces, renderings = [], [], 0
-    for name, model in problem.each_model():
+    for name, model in problem.iterate_models():
         similarity = model.similarity(template, *RENDERERS[method], camera=problem.photograph.crop.camera)
         starts = problem.level_views(model, azimuths, elevation)
         poses, values, path = momentum_ascent(similarity, starts, visit=partial(problem.watch, name))
@@ -59,17 +58,14 @@ def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
         ]
         renderings += similarity.renderings
     value, name, pose = max(best, key=lambda found: found[0])
-    return problem.estimate(
-        name, pose, similarity=value, similarity_kind=kind, renderings=renderings, traces=tuple(traces)
-    )
+    return problem.estimate(name, pose, similarity=value, renderings=renderings, traces=tuple(traces))
 
 
 def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
     """The best of all whole degrees of azimuth at the initial elevation, or at several if that is unknown."""
-    kind = problem.similarity or "calibrated"
-    template = problem.photograph.template(kind)
+    template = problem.photograph.template(problem.similarity)
     best, renderings = [], 0
-    for name, model in problem.each_model():
+    for name, model in problem.iterate_models():
         similarity = model.similarity(template, detail=DETAIL, camera=problem.photograph.crop.camera)
         for elevation in ELEVATIONS if problem.initial is None else problem.initial[1:]:
             poses = problem.level_views(model, equidistant_azimuths(EVERY_DEGREE), elevation)
@@ -78,7 +74,7 @@ def exhaustive_search(problem: PoseProblem) -> PoseEstimate:
             best.append((float(values[top]), name, poses[top]))
         renderings += similarity.renderings
     value, name, pose = max(best, key=lambda found: found[0])
-    return problem.estimate(name, pose, similarity=value, similarity_kind=kind, renderings=renderings)
+    return problem.estimate(name, pose, similarity=value, renderings=renderings)
 
 
 SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
@@ -87,6 +83,14 @@ SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
     "paper-edges": partial(paper_search, method="paper-edges"),
     "exhaustive": exhaustive_search,
 }
+
+
+class Lens(NamedTuple):
+    """What is known about a photograph's camera."""
+
+    focal: float | None  # focal length, pixels; None if unknown
+    principal_point: tuple[float, float] | None  # x, y of the optical axis, pixels; None if unknown
+    source: FocalSource  # where the focal length is from
 
 
 @in_plain_mode
@@ -183,6 +187,7 @@ def estimate_pose(
         raise ValueError(f"within={within!r} needs initial, the azimuth from which it is measured")
     if within < 180 and method != "best":
         raise ValueError(f"within is an option of method 'best' alone, got {within!r} for method={method!r}")
+    kind = similarity or ("patches" if method in RENDERERS else "calibrated")
     image, view = convert_image(photograph), _check_view(initial)
     lens = choose_lens(photograph, focal, principal_point, image)
     check_photograph(image)
@@ -194,9 +199,9 @@ def estimate_pose(
             )
         image, box = apply_mask(image, torch.as_tensor(mask), box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
-    prepared = {name: prepared_model(mesh, typical_camera()) for name, mesh in meshes.items()}
+    prepared = {name: prepared_model(mesh) for name, mesh in meshes.items()}
     other_boxes: tuple[Box, ...] | None = None
-    if box is None and method == "best" and similarity in (None, "calibrated"):
+    if box is None and method == "best" and kind == "calibrated":
         box, *rest = *find_boxes(image, list(prepared.values()), view, within, background), whole
         other_boxes = tuple(rest)
     crop = crop_object(image, whole if box is None else box, focal=lens.focal, axis=lens.principal_point)
@@ -208,7 +213,7 @@ def estimate_pose(
         models=prepared,
         initial=view,
         within=within,
-        similarity=similarity,
+        similarity=kind,
         # do not read a default that has no influence
         viewpoints=choose_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 from torch import Tensor
 
-from ..hog import HOGSpec
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.camera import rotation_matrices
@@ -23,9 +22,9 @@ from ..render.renderer import LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
-from .crop import DISTANCE, FILL, SIDE, downsample_camera
+from .crop import DISTANCE, FILL, SIDE, downsample_camera, typical_camera
 from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches
-from .whitening import Background, Whitener, whitener_of
+from .whitening import Background, Whitener, cached_whitener
 
 Doubles = NDArray[np.float64]
 
@@ -36,14 +35,14 @@ ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 ALIKE = 0.95
 """Correlation above which no photograph tells two views apart."""
 _FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
-_CACHED = 2048  # sets of views, of half a megabyte: those of 256 models
+_CACHED_VIEWS = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
 class PreparedModel:
-    """A normalised mesh with its renderers for the camera of a crop."""
+    """A normalised mesh with its renderers, for :func:`.crop.typical_camera` unless another is given."""
 
-    def __init__(self, mesh: Mesh, camera: Camera) -> None:
-        self.mesh, self.camera, self.hull = mesh, camera, hull(mesh)
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.camera, self.hull = mesh, typical_camera(), convex_hull(mesh)
         self._renderers: dict[tuple[EdgeMethod, int, float, int], Renderer] = {}
 
     @cached_property
@@ -71,7 +70,7 @@ class PreparedModel:
             detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`; with fewer faces
                 it renders faster.
             shrink: factor.
-            camera: of the crop, if it has another focal length than :attr:`camera`.
+            camera: of the crop, if it has another focal length than the typical one.
         """
         key = method, supersampling, detail, shrink
         if key not in self._renderers:
@@ -96,15 +95,15 @@ class PreparedModel:
 
 
 @lru_cache(maxsize=256)
-def prepared_model(mesh: Mesh, camera: Camera) -> PreparedModel:
-    """The prepared model of a mesh, made once, since all crops have one camera."""
-    return PreparedModel(mesh, camera)
+def prepared_model(mesh: Mesh) -> PreparedModel:
+    """The prepared model of a mesh, made once."""
+    return PreparedModel(mesh)
 
 
 def coarse_whitener(own: Background | None = None) -> Whitener:
     """The whitener of crops in the coarse search, see :func:`.background.coarse_background`."""
     background, shrink = coarse_background(own)
-    return whitener_of(background, *background.spec.grid(SIDE // shrink, SIDE // shrink))
+    return cached_whitener(background, *background.spec.grid(SIDE // shrink, SIDE // shrink))
 
 
 def view_descriptors(model: PreparedModel, elevation: float, own: Background | None = None) -> Tensor:
@@ -119,37 +118,37 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
     Returns:
         (VIEW_COUNT, C, rows, cols), float32.
     """
+    return _read_views(model, _round_elevation(elevation), own)
+
+
+@lru_cache(maxsize=_CACHED_VIEWS)
+def _read_views(model: PreparedModel, elevation: float, own: Background | None) -> Tensor:
     (background, shrink), whitener = coarse_background(own), coarse_whitener(own)
-    rounded = ELEVATION_STEP * round(elevation / ELEVATION_STEP)
-    views = _view_descriptors(model, background.spec, whitener, shrink, rounded)
-    return views.reshape(VIEW_COUNT, -1, whitener.rows, whitener.cols)
-
-
-@lru_cache(maxsize=_CACHED)
-def _view_descriptors(model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float) -> Tensor:
-    numbers = spec.channels * whitener.rows * whitener.cols
+    spec = background.spec
     facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, code_key(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
-    descriptors = cached_array(
-        "views", key, (VIEW_COUNT, numbers), lambda: _described(model, spec, whitener, shrink, elevation, LIGHT).numpy()
-    )
-    return torch.from_numpy(descriptors)
+    shape = VIEW_COUNT, spec.channels, whitener.rows, whitener.cols
+    views = cached_array("views", key, shape, lambda: _describe_views(model, elevation, own, LIGHT).numpy())
+    return torch.from_numpy(views)
 
 
-def _described(
-    model: PreparedModel, spec: HOGSpec, whitener: Whitener, shrink: int, elevation: float, light: Light
-) -> Tensor:
-    """Renders and describes the views for :func:`view_descriptors`, (VIEW_COUNT, C · rows · cols)."""
+def _round_elevation(elevation: float) -> float:
+    return ELEVATION_STEP * round(elevation / ELEVATION_STEP)
+
+
+def _describe_views(model: PreparedModel, elevation: float, own: Background | None, light: Light) -> Tensor:
+    """Renders and describes the views for :func:`view_descriptors`."""
+    (background, shrink), whitener = coarse_background(own), coarse_whitener(own)
     poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
     if light is not LIGHT:
         renderer = Renderer(renderer.mesh, renderer.camera, light=light, supersampling=renderer.supersampling)
 
-    def describe_views(some: Tensor) -> Tensor:
-        descriptors = describe(renderer.render(some, derivative=False).image[:, None], spec)
-        return descriptors.flatten(1) / deviations(whitener.energies(descriptors))[:, None]
+    def describe_poses(batch: Tensor) -> Tensor:
+        descriptors = describe(renderer.render(batch, derivative=False).image[:, None], background.spec)
+        return descriptors / deviations(whitener.energies(descriptors))[:, None, None, None]
 
-    return torch.cat(in_batches(describe_views, downsampled_poses(poses, shrink)))
+    return torch.cat(in_batches(describe_poses, downsampled_poses(poses, shrink)))
 
 
 def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) -> tuple[float, ...]:
@@ -158,18 +157,17 @@ def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) 
     A bottle looks the same from everywhere, a table from behind.  They are multiples of 360 / :data:`VIEW_COUNT` from
     ``azimuth`` on.
     """
-    alike = view_correlations(model, ELEVATION_STEP * round(elevation / ELEVATION_STEP))
+    correlations = view_correlations(model, _round_elevation(elevation))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
-    same = (alike[nearest] >= ALIKE).roll(-nearest)
+    same = (correlations[nearest] >= ALIKE).roll(-nearest)
     return tuple((azimuth + float(turn)) % 360 for turn in equidistant_azimuths(VIEW_COUNT)[same][1:])
 
 
 @lru_cache(maxsize=512)
 def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
     """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, degrees, lit from above."""
-    (background, shrink), whitener = coarse_background(), coarse_whitener()
-    views = _described(model, background.spec, whitener, shrink, elevation, _FROM_ABOVE)
-    return views @ whitener(views.reshape(VIEW_COUNT, -1, whitener.rows, whitener.cols)).flatten(1).T
+    views = _describe_views(model, elevation, None, _FROM_ABOVE)
+    return views.flatten(1) @ coarse_whitener()(views).flatten(1).T
 
 
 def equidistant_azimuths(count: int, first: float = 0.0) -> Tensor:
@@ -202,7 +200,7 @@ def local_maxima(values: Tensor, count: int) -> Tensor:
     return order[:count]
 
 
-def hull(mesh: Mesh) -> Tensor:
+def convex_hull(mesh: Mesh) -> Tensor:
     """The vertices (N, 3) of the convex hull: they determine the box around any view of a mesh."""
     points = mesh.vertices.detach().cpu().numpy()
     try:
@@ -224,9 +222,9 @@ def fit_to_box(poses: Tensor, points: Tensor, camera: Camera, size: tuple[float,
     The size is width and height of a box of the same area, or the length of the longer side, perhaps (B,), pixels.
     """
     placed = poses.detach().double().numpy().copy()
-    turned = _turned(placed, points)
+    turned = _turn_points(placed, points)
     for round_ in range(_ROUNDS + 1):
-        boxes = _boxes(turned, placed[:, 2], camera)
+        boxes = _project_boxes(turned, placed[:, 2], camera)
         low, high = boxes[:, :2] + placed[:, 4:], boxes[:, 2:] + placed[:, 4:]
         if round_ < _ROUNDS:
             sides = (high - low).clip(min=1e-6)
@@ -249,17 +247,18 @@ def tilt_views(poses: Tensor, tilts: Tensor) -> Tensor:
 
 def bounding_boxes(poses: Tensor, points: Tensor, camera: Camera) -> Tensor:
     """The boxes x0, y0, x1, y1 around points (N, 3) at poses (B, 6), (B, 4), pixels from the middle of the image."""
-    of_poses = poses.double().numpy()
-    return torch.from_numpy(_boxes(_turned(of_poses, points), of_poses[:, 2], camera)) + poses[:, [4, 5, 4, 5]]
+    numbers = poses.double().numpy()
+    boxes = _project_boxes(_turn_points(numbers, points), numbers[:, 2], camera)
+    return torch.from_numpy(boxes) + poses[:, [4, 5, 4, 5]]
 
 
-def _turned(poses: Doubles, points: Tensor) -> Doubles:
+def _turn_points(poses: Doubles, points: Tensor) -> Doubles:
     """Points (N, 3) turned as at poses (B, 6), in the directions of the camera's axes, (B, 3, N)."""
     turned: Doubles = rotation_matrices(poses) @ points.double().numpy().T
     return turned
 
 
-def _boxes(turned: Doubles, distances: Doubles, camera: Camera) -> Doubles:
+def _project_boxes(turned: Doubles, distances: Doubles, camera: Camera) -> Doubles:
     """The boxes (B, 4) around turned points (B, 3, N) at distances (B,), pixels from the projected origin."""
     screen = turned[:, :2] * (camera.focal / (turned[:, 2] + distances[:, np.newaxis]))[:, np.newaxis]
     return np.concatenate([screen.min(axis=2), screen.max(axis=2)], axis=1)

@@ -21,7 +21,7 @@ from .background import FINE, coarse_background, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind
 from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
-from .whitening import Background, whitener_of
+from .whitening import Background
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element
 ELEMENTS = 25  # of a photograph, at most
@@ -76,25 +76,19 @@ class PreparedPhotograph:
     @cached_property
     def calibrated(self) -> CalibratedTemplate:
         """The template of the whole crop; for the default descriptor the crop is shrunk first."""
-        return _calibrated(self.crop, *coarse_background(self.own_background))
+        return calibrated_template(self.crop, *coarse_background(self.own_background))
 
     @cached_property
     def fine(self) -> CalibratedTemplate:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
         finer = dataclasses.replace(self.background.spec, cell_size=(FINE, FINE))
-        return _calibrated(self.crop, default_background(finer))
+        return calibrated_template(self.crop, default_background(finer))
 
 
 def _box_cells(pixels: float, cells: int, cell: int) -> tuple[int, int]:
     """Range of the cells, in the middle of ``cells``, that the box's ``pixels`` reach into."""
     middle, half = cells / 2, max(pixels / cell, max(ELEMENT)) / 2
     return max(0, math.floor(middle - half)), min(cells, math.ceil(middle + half))
-
-
-def _calibrated(crop: ObjectCrop, background: Background, shrink: int = 1) -> CalibratedTemplate:
-    spec, small = background.spec, crop.downsample(shrink) if shrink > 1 else crop
-    rows, cols = spec.grid(*small.image.shape[2:])
-    return calibrated_template(small, spec, whitener_of(background, rows, cols), shrink)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -41,14 +41,14 @@ class PoseProblem:
     models: Mapping[str, PreparedModel]  # the candidates by name
     initial: tuple[float, float] | None  # its rough azimuth and elevation, degrees; None if unknown
     within: float = 180.0  # degrees of azimuth on both sides of the initial one that are searched
-    similarity: SimilarityKind | None = None  # its kind; None for that of the search
+    similarity: SimilarityKind = "calibrated"  # its kind
     viewpoints: ViewpointPrior | None = None  # used with several models; None to use views alone
     focal_from: FocalSource = "assumed"  # where the focal length is from
     generator: torch.Generator | None = None  # of random samples
     progress: Callable[[int, int, str], None] = lambda done, total, what: None  # as for :func:`.estimate.estimate_pose`
     watch: Callable[[str, Tensor], None] = lambda model, pose: None  # as for :func:`.estimate.estimate_pose`
 
-    def each_model(self) -> Iterator[tuple[str, PreparedModel]]:
+    def iterate_models(self) -> Iterator[tuple[str, PreparedModel]]:
         """The models by name, one after the other, with progress."""
         for done, (name, model) in enumerate(self.models.items()):
             self.progress(done, len(self.models), name)
@@ -74,7 +74,7 @@ class PoseProblem:
         are of something small.
         """
         penalties = torch.zeros(len(poses), dtype=poses.dtype)
-        if self.similarity not in (None, "calibrated"):
+        if self.similarity != "calibrated":
             return penalties
         penalties += view_penalty(poses[:, 1], poses[:, 3], self.initial)
         if self.other_boxes is not None:
@@ -128,6 +128,7 @@ class PoseProblem:
             model,
             crop_pose=pose,
             box=self.box,
+            similarity_kind=self.similarity,
             focal_from=self.focal_from,
             principal_point=crop.axis,
             from_original=self.models[model].mesh.from_original,

@@ -26,7 +26,7 @@ from ..render import Renderer
 from ..render.camera import pose_vjp
 from ..runtime.pytorch import in_threads
 from .crop import ObjectCrop
-from .whitening import Whitener
+from .whitening import Background, Whitener, cached_whitener
 
 T = TypeVar("T")
 
@@ -81,13 +81,15 @@ def deviations(squared: Tensor) -> Tensor:
     return torch.where(squared > 1e-9, squared, torch.inf).sqrt()
 
 
-def calibrated_template(crop: ObjectCrop, spec: HOGSpec, whitener: Whitener, shrink: int = 1) -> CalibratedTemplate:
-    """The template Σ⁻¹(φ − μ) of a whole crop, whose cells beyond the photograph are replaced by the mean μ.
+def calibrated_template(crop: ObjectCrop, background: Background, shrink: int = 1) -> CalibratedTemplate:
+    """The template Σ⁻¹(φ − μ) of a whole crop, made ``shrink`` times smaller.
 
-    The crop is already ``shrink`` times smaller than the crop that poses are for.
+    Cells beyond the photograph are replaced by the mean μ.
     """
-    descriptor = whitener.centre_coordinates(describe(crop.image, spec))
-    x0, y0, x1, y1 = crop.valid
+    small, spec = crop.downsample(shrink) if shrink > 1 else crop, background.spec
+    whitener = cached_whitener(background, *spec.grid(*small.image.shape[2:]))
+    descriptor = whitener.subtract_mean(describe(small.image, spec))
+    x0, y0, x1, y1 = small.valid
     y, x = (
         (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )

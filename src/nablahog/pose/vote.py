@@ -9,7 +9,7 @@ another side of the object fits as well, and whether other models agree, says mo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -28,8 +28,8 @@ from .model import (
     signed_angles,
     view_descriptors,
 )
-from .options import SearchTrace
 from .photograph import PreparedPhotograph
+from .result import SearchTrace
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
@@ -39,7 +39,6 @@ _COARSE_WEIGHT = (
 _VOTE_SCALE = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _VOTE_BLUR = 12.0  # degrees
 _RIVAL_SHARE = 0.8  # of the best view's similarity, after tilting
-_MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
 KNOWN_MODEL = -14.35, 7.34, -0.88, 0.0  # of a single model
 UNKNOWN_MODEL = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
@@ -150,54 +149,43 @@ def sort_by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
 def add_rival(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The best pose, and the best from another side if it is nearly as good: front and back look much alike."""
     best = max(poses, key=lambda hypothesis: hypothesis.score)
-    elsewhere = [hypothesis for hypothesis in poses if azimuth_distance(hypothesis.azimuth, best.azimuth) > SAME_SIDE]
-    rival = max(elsewhere, key=lambda hypothesis: hypothesis.score, default=best)
-    return [best, rival] if rival is not best and rival.similarity >= _RIVAL_SHARE * best.similarity else [best]
+    rivals = select_other_sides(poses, [best.azimuth], 1)
+    return [best, *(rival for rival in rivals if rival.similarity >= _RIVAL_SHARE * best.similarity)]
 
 
-def select_starts(poses: Sequence[Hypothesis], chosen: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """The best poses from sides other than those of the chosen ones and of each other."""
-    starts: list[Hypothesis] = []
-    for hypothesis in sort_by_score(poses):
-        apart = min(azimuth_distance(hypothesis.azimuth, pose.azimuth) for pose in (*chosen, *starts))
-        if apart > SAME_SIDE and len(starts) < _MORE_ASCENTS:
-            starts.append(hypothesis)
-    return starts
+def select_other_sides(
+    poses: Iterable[Hypothesis],
+    azimuths: Sequence[float],
+    count: int,
+    score: Callable[[Hypothesis], float] = lambda hypothesis: hypothesis.score,
+) -> list[Hypothesis]:
+    """At most ``count`` poses of the highest scores from sides other than those of ``azimuths`` and of each other."""
+    chosen: list[Hypothesis] = []
+    for hypothesis in sorted(poses, key=score, reverse=True):
+        taken = (*azimuths, *(pose.azimuth for pose in chosen))
+        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in taken) > SAME_SIDE:
+            chosen.append(hypothesis)
+    return chosen[:count]
 
 
 def compare_shares(
     best: Hypothesis, refined: Sequence[Hypothesis], tilted: Sequence[Hypothesis]
-) -> list[tuple[float, Hypothesis]]:
-    """Poses with their similarity divided by the best refined pose's; by the best tilted pose's without an ascent."""
+) -> dict[Hypothesis, float]:
+    """Similarities divided by the best refined pose's; without an ascent, by the best tilted pose's."""
     highest = max(hypothesis.similarity for hypothesis in tilted)
-    shares = [
-        (hypothesis.similarity / max(best.similarity, 1e-9), hypothesis)
-        for hypothesis in refined
-        if hypothesis is not best
-    ]
     started = [azimuth for hypothesis in refined for azimuth, _ in hypothesis.trace[:-1]]
-    shares += [
-        (hypothesis.similarity / max(highest, 1e-9), hypothesis)
-        for hypothesis in tilted
-        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in started) > 0
-    ]
+    others = [hypothesis for hypothesis in refined if hypothesis is not best]
+    shares = {hypothesis: hypothesis.similarity / max(best.similarity, 1e-9) for hypothesis in others}
+    for hypothesis in tilted:
+        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in started) > 0:
+            shares[hypothesis] = hypothesis.similarity / max(highest, 1e-9)
     return shares
 
 
-def runners_up(
-    shares: Sequence[tuple[float, Hypothesis]], best: Hypothesis, same_view: Sequence[float]
-) -> list[tuple[Hypothesis, float]]:
-    """The poses with the highest shares from sides other than the best one's and each other's, and their shares.
-
-    ``same_view``: azimuths, degrees, from which the best one's model looks the same.
-    """
-    azimuths = [best.azimuth, *same_view]
-    chosen: list[tuple[Hypothesis, float]] = []
-    for share, hypothesis in sorted(shares, key=lambda pair: -pair[0]):
-        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in azimuths) > SAME_SIDE:
-            chosen.append((hypothesis, min(max(share, 0.0), 1.0)))
-            azimuths.append(hypothesis.azimuth)
-    return chosen[:_RUNNERS_UP]
+def select_runners_up(shares: Mapping[Hypothesis, float], azimuths: Sequence[float]) -> dict[Hypothesis, float]:
+    """The poses of the highest shares from sides other than those of ``azimuths`` and of each other; their shares."""
+    chosen = select_other_sides(shares, azimuths, _RUNNERS_UP, shares.__getitem__)
+    return {hypothesis: min(max(shares[hypothesis], 0.0), 1.0) for hypothesis in chosen}
 
 
 def _weights(similarities: Tensor) -> Tensor:

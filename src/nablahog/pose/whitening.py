@@ -88,8 +88,7 @@ class Background(LearnedModel):
     @property
     def summary(self) -> str:
         cells = f"{self.order + 1}x{self.order + 1}"
-        images = counted(len(self.images), "image")
-        return f"{images}, {self.spec.channels} channels, templates of up to {cells} cells"
+        return f"{counted(len(self.images), 'image')}, {self.spec.channels} channels, templates of up to {cells} cells"
 
     @property
     def order(self) -> int:
@@ -113,10 +112,9 @@ class Background(LearnedModel):
         most = self.order + 1
         if not (1 <= rows <= most and 1 <= cols <= most):
             raise ValueError(f"a template must have 1…{most} rows and columns of cells here, got {rows}x{cols}")
-        offsets = self.all_offsets()
         row, col = torch.arange(rows), torch.arange(cols)
         dy, dx = row - row[:, None] + self.order, col - col[:, None] + self.order
-        blocks = offsets[dy[:, :, None, None], dx]  # (row, row', col, col', channel, channel')
+        blocks = self.all_offsets()[dy[:, :, None, None], dx]  # (row, row', col, col', channel, channel')
         return blocks.permute(0, 2, 4, 1, 3, 5).reshape(2 * [rows * cols * self.spec.channels])
 
     def all_offsets(self) -> Tensor:
@@ -246,7 +244,7 @@ class Whitener:
         half: NDArray[np.complex64] = spectrum.reshape(*spectrum.shape[:2], -1)
         return half
 
-    def centre_coordinates(self, descriptors: Tensor) -> Tensor:
+    def subtract_mean(self, descriptors: Tensor) -> Tensor:
         """q − μ of descriptors (B, C, rows, cols)."""
         return descriptors - self.mean[:, None, None]
 
@@ -257,7 +255,7 @@ def _inverse_spectrum(background: Background, size: tuple[int, int], least: floa
     It decays over cells: on a large torus it is that of a smaller one, padded with zeros.
     """
     if min(size) <= _DECAY:
-        return _inverted(background, size, least)
+        return _invert_on_torus(background, size, least)
     cells = _inverse_cells(background, least)
     torus = cells.new_zeros(*size, *cells.shape[2:])
     offsets = torch.arange(-(_DECAY // 2), _DECAY // 2)
@@ -268,23 +266,23 @@ def _inverse_spectrum(background: Background, size: tuple[int, int], least: floa
 
 @lru_cache(maxsize=8)
 def _inverse_cells(background: Background, least: float) -> Tensor:
-    """(Σ + λ)⁻¹ by the offset between two cells, (_REACH, _REACH, C, C)."""
+    """(Σ + λ)⁻¹ by the offset between two cells, (_DECAY, _DECAY, C, C)."""
     size = _DECAY, _DECAY
-    cells: Tensor = torch.fft.irfft2(_inverted(background, size, least), s=size, dim=(0, 1))
+    cells: Tensor = torch.fft.irfft2(_invert_on_torus(background, size, least), s=size, dim=(0, 1))
     return cells
 
 
-def _inverted(background: Background, size: tuple[int, int], least: float) -> Tensor:
+def _invert_on_torus(background: Background, size: tuple[int, int], least: float) -> Tensor:
     """(Σ + λ)⁻¹ at the frequencies of a torus, one by one."""
     # entry [dy, dx, a, b] is E a(y) b(y + d): Σ maps b to a by correlation, the conjugate of convolution
-    spectrum = torch.fft.rfft2(_on_torus(background, size), dim=(0, 1)).conj()
+    spectrum = torch.fft.rfft2(_wrap_covariance(background, size), dim=(0, 1)).conj()
     spectrum = (spectrum + spectrum.mH) / 2
     values, vectors = torch.linalg.eigh(spectrum)
     inverse: Tensor = (vectors / (values.clamp(min=0) + least)[..., None, :]) @ vectors.mH
     return inverse
 
 
-def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:
+def _wrap_covariance(background: Background, size: tuple[int, int]) -> Tensor:
     """The autocovariance at all offsets on a torus, (rows, cols, C, C), faded out at the background's order."""
     order, offsets = background.order, background.all_offsets()
     fade = 1 - torch.arange(-order, order + 1, dtype=torch.float64).abs() / (order + 1)
@@ -296,6 +294,6 @@ def _on_torus(background: Background, size: tuple[int, int]) -> Tensor:
 
 
 @lru_cache(maxsize=64)
-def whitener_of(background: Background, rows: int, cols: int) -> Whitener:
+def cached_whitener(background: Background, rows: int, cols: int) -> Whitener:
     """The whitener of descriptors of a size, made once."""
     return Whitener(background, rows, cols, _REGULARIZATION.get(background.spec.cell_size[0]))

@@ -19,7 +19,7 @@ from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
 from ...pose.crop import apply_mask
-from ...pose.options import Lens
+from ...pose.estimate import Lens
 from ...pose.result import pose_figures
 from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models

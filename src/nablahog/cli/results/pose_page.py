@@ -146,7 +146,7 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     poses, template = azimuth_sweep(start, AZIMUTHS), matched.template(estimate.similarity_kind)
 
     def similarity(derivative: EdgeMethod, samples: int) -> Similarity:
-        return prepared_model(mesh, matched.crop.camera).similarity(template, derivative, samples)
+        return prepared_model(mesh).similarity(template, derivative, samples, camera=matched.crop.camera)
 
     fine = similarity("edges", SAMPLES)
     values, slopes = fine.derivatives(poses)
