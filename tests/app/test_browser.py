@@ -168,6 +168,13 @@ def test_fit(page: Page, folder: Path) -> None:
     page.until(f"document.querySelector('#scene').dataset.n > {before}")
     page.press("#scene", "ArrowLeft")
     page.idle()
+    assert "the largest is" in page.read("document.querySelector('#curve img').alt")
+    page.read(
+        "((chart, box = chart.getBoundingClientRect()) => chart.dispatchEvent(new MouseEvent("
+        "'click', {clientX: box.left + box.width / 2})))(document.querySelector('#curve img'))"
+    )
+    page.idle()
+    assert 140 < float(page.read("document.querySelector('#pose-azimuth').value")) < 180
     page.click("#fit-start")
     page.until("!document.querySelector('#fit-result').hidden")
     page.idle()

@@ -6,7 +6,9 @@ import base64
 import io
 import json
 from typing import Any
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from PIL import Image
 from starlette.testclient import TestClient
@@ -44,10 +46,14 @@ def test_it_is_turned_and_fitted(client: TestClient) -> None:
         assert len(view["derivative"]) == 6
         socket.send_json({"type": "curve", "pose": view["pose"]})
         parts = [json.loads(socket.receive_text()) for _ in range(5)]
-        azimuths = [azimuth for part in parts for azimuth in part["azimuths"]]
-        similarities = [value for part in parts for value in part["similarities"]]
-        assert (len(azimuths), parts[-1]["done"]) == (180, True)
-        assert abs(azimuths[similarities.index(max(similarities))] - TRUE) < 15
+        assert [part["done"] for part in parts] == [False] * 4 + [True]
+        curve = ElementTree.fromstring(parts[-1]["chart"]["svg"])
+        points = [line.attrib["points"].split() for line in curve.iterfind(".//{*}polyline[@class='l-curve']")]
+        similarities, derivatives = (np.array([point.split(",") for point in line], float) for line in points)
+        assert len(similarities) == len(derivatives) == 181  # the circle is closed
+        left, right = (share * float(curve.attrib["width"]) for share in parts[-1]["chart"]["across"])
+        best = (similarities[similarities[:, 1].argmin(), 0] - left) / (right - left) * 360
+        assert abs(best - TRUE) < 15
         socket.send_json({"type": "fit"})
         answers = until(socket, "fitted", "error")
         fitted = answers[-1]

@@ -12,9 +12,9 @@ from PIL import Image
 
 from nablahog.viz.html import Drawing
 from nablahog.viz.pictures import RED
-from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, boxed, by_azimuth
+from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, draw_boxes, draw_by_azimuth
 
-TEXTS = {"what": "patches", "how": "central differences"}
+TEXTS = {"kind": "patches", "remark": "central differences"}
 
 
 def lines(drawing: Drawing, colour: str) -> list[NDArray[np.float64]]:
@@ -29,7 +29,7 @@ def azimuths(line: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_boxes() -> None:
     picture = np.full((1, 30, 40), 0.5)
-    drawn = boxed(picture, [(10.2, 5, 19.8, 25), (-5, -5, 4, 4), (35, 28, 90, 90)])
+    drawn = draw_boxes(picture, [(10.2, 5, 19.8, 25), (-5, -5, 4, 4), (35, 28, 90, 90)])
     assert drawn.shape == (3, 30, 40)
     red = (drawn != 0.5).any(axis=0) & (np.abs(drawn - 0.5) > 0.01).any(axis=0)
     np.testing.assert_allclose(drawn[:, 5, 10], RED, atol=0.01)
@@ -39,13 +39,13 @@ def test_boxes() -> None:
     assert not red[:, 21:34].any()
     assert red[3, :4].all()
     assert red[28, 35:].all()
-    assert not boxed(picture, []).std()
+    assert not draw_boxes(picture, []).std()
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 130.0, 359.9])
 def test_the_pose_found_is_marked(azimuth: float) -> None:
     values = 3 + np.cos(np.radians(np.arange(0, 360, 4)))
-    drawing = by_azimuth(values, values, values, **TEXTS, azimuth=azimuth)
+    drawing = draw_by_azimuth(values, values, values, **TEXTS, azimuth=azimuth)
     upper, lower = lines(drawing, "mark")
     for line in (upper, lower):
         assert azimuths(line) == pytest.approx([azimuth, azimuth])
@@ -56,7 +56,7 @@ def test_the_pose_found_is_marked(azimuth: float) -> None:
 def test_the_curve_is_highest_where_similarity_is() -> None:
     at = np.arange(0, 360, 2)
     values = np.exp(-(((at - 200) / 20.0) ** 2))
-    drawing = by_azimuth(values, np.zeros(180), np.zeros(180), **TEXTS, azimuth=0)
+    drawing = draw_by_azimuth(values, np.zeros(180), np.zeros(180), **TEXTS, azimuth=0)
     curve = next(line for line in lines(drawing, "curve") if len(line) > 2)
     assert azimuths(curve)[[0, -1]] == pytest.approx([0, 360])
     assert azimuths(curve)[curve[:, 1].argmin()] == pytest.approx(200)
@@ -66,7 +66,7 @@ def test_the_curve_is_highest_where_similarity_is() -> None:
 def test_traces_go_round() -> None:
     flat = np.ones(90)
     traces = [([350.0, 355, 365, 370], [0.5] * 4), ([20.0, 5, -5, -20], [1.5] * 4), ([0.0, 0.0], [0.2, 0.3])]
-    drawing = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, traces=traces)
+    drawing = draw_by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, traces=traces)
     around = [np.sort(azimuths(line)) for line in lines(drawing, "path")]
     for one in ((350, 360), (0, 10), (340, 360), (0, 20)):  # out on one side, back on the other
         assert any(line[[0, -1]] == pytest.approx(one) for line in around), one
@@ -79,8 +79,8 @@ def test_traces_go_round() -> None:
 def test_views_lie_below_their_azimuths() -> None:
     flat = np.ones(90)
     views = [np.full((10, 10), k / 8) for k in range(8)]
-    plain = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180)
-    drawing = by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, views=views)
+    plain = draw_by_azimuth(flat, flat, flat, **TEXTS, azimuth=180)
+    drawing = draw_by_azimuth(flat, flat, flat, **TEXTS, azimuth=180, views=views)
     shown = [shape for shape in drawing.shapes if shape.kind == "image"]
     middles = np.array([[shape.points[0][0] + VIEW / 2, shape.points[0][1]] for shape in shown])
     assert azimuths(middles) == pytest.approx(np.arange(8) * 45)
@@ -94,9 +94,9 @@ def test_views_lie_below_their_azimuths() -> None:
 def test_derivatives_are_drawn_over_what_they_are_compared_with() -> None:
     at = np.arange(0, 360, 2)
     rising, falling = np.where(at < 180, 1.0, -1.0), np.where(at < 180, -1.0, 1.0)
-    drawing = by_azimuth(np.zeros(180), rising, falling, **TEXTS, azimuth=0)
+    drawing = draw_by_azimuth(np.zeros(180), rising, falling, **TEXTS, azimuth=0)
     drawn = [(shape.colour, np.array(shape.points)) for shape in drawing.shapes if len(shape.points) == 181]
-    assert [colour for colour, _ in drawn] == ["curve", "faint", "curve"]
-    (_, differences), (_, derivatives) = drawn[1:]
+    assert [colour for colour, _ in drawn] == ["faint", "curve", "curve"]
+    (_, differences), _, (_, derivatives) = drawn
     assert derivatives[10, 1] < differences[10, 1]  # 1 is above -1
     assert derivatives[100, 1] > differences[100, 1]

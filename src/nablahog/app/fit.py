@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import torch
@@ -24,15 +24,15 @@ from ..pose.similarity import Similarity
 from ..render import silhouette
 from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
+from .chart import AZIMUTHS, SimilarityChart
 from .lines import FitFiles, for_pose
-from .messages import Open, Pose, PoseMessage, RequestError, as_base64, as_request_error, glyphs, png
+from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_base64, as_request_error, glyphs, png
 from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
 CROP_GLYPHS_SIDE = 400  # pixels, about, of their longer side
 PAGE_SUPERSAMPLING = 2  # of renderings and similarities on the page
-AZIMUTHS = 180  # points of the curve
 POINTS_AT_ONCE = 36  # points in a message
 LEAST_SIDE = 8  # pixels of a photograph, as of a box
 LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
@@ -40,13 +40,17 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object, with its box and the camera's focal length, if known, in pixels, its crop, and a model."""
+    """A photograph's object, with its box and the camera's focal length, if known, in pixels, its crop, and a model.
+
+    The chart shows the last pose that was viewed and the last curve.
+    """
 
     photograph: Photograph
     model: MeshEntry
     box: Box
     focal: float | None
     crop: ObjectCrop
+    chart: SimilarityChart = field(default_factory=SimilarityChart)
 
     @classmethod
     def of(cls, request: Open | PoseMessage, store: Store) -> Fitting:
@@ -87,24 +91,26 @@ class Fitting:
             "image": as_base64(png(crop.image[0])),
         }
 
-    def view(self, n: int, pose: Pose, place: bool) -> dict[str, Any]:
+    def view(self, turn: Turn) -> dict[str, Any]:
         """The rendering at a pose, its glyphs, its similarity and the derivative of that."""
         began = time.perf_counter()
         with as_request_error():
-            poses = self._poses(pose, place)
+            poses = self._poses(turn.pose, turn.place)
             values, derivatives = self.similarity.derivatives(poses)
             renderer = self.prepared.renderer(supersampling=PAGE_SUPERSAMPLING, camera=self.crop.camera)
             white, black = (renderer.render(poses, level, derivative=False).image[0] for level in (1.0, 0.0))
         opacity = (1 - (white - black)).clamp(0, 1)
         own = torch.where(opacity > 0, black / torch.where(opacity > 0, opacity, 1), 0)
+        self.chart.move(tuple(poses[0].tolist()), float(values[0]), float(derivatives[0, 0]), turn.width)
         return {
             "type": "view",
-            "n": n,
+            "n": turn.n,
             "pose": _round(poses[0]),
             "similarity": float(values[0]),
             "derivative": _round(derivatives[0]),
             "image": as_base64(png(own, opacity)),
             "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
+            "chart": self.chart.draw(),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
         }
 
@@ -117,23 +123,20 @@ class Fitting:
         poses[:, 2] = poses[:, 2].clamp(LEAST_DISTANCE, MOST_DISTANCE)
         return fit_to_box(poses, self.prepared.hull, self.crop.camera, self.crop.size) if place else poses
 
-    def around(self, pose: Pose) -> tuple[Tensor, ...]:
-        """Poses (N, 6) at azimuths all around, some at a time."""
+    def curve(self, pose: Pose) -> Iterator[Callable[[], dict[str, Any]]]:
+        """The work for each part of the curve of a pose at all azimuths; the last one's answer says that it is done."""
         start = self._poses(pose, False)[0].clone()
         start[0] = 0
-        return torch.split(azimuth_sweep(start, AZIMUTHS), POINTS_AT_ONCE)
+        self.chart.begin_curve(tuple(start.tolist()))
+        poses = azimuth_sweep(start, AZIMUTHS)
+        for first in range(0, AZIMUTHS, POINTS_AT_ONCE):
+            yield partial(self._part_of_curve, poses[first : first + POINTS_AT_ONCE], first)
 
-    def curve(self, poses: Tensor, done: bool) -> dict[str, Any]:
-        """Similarities and derivatives by azimuth at some of :meth:`around`; whether these are the last."""
+    def _part_of_curve(self, poses: Tensor, first: int) -> dict[str, Any]:
         with as_request_error():
             values, derivatives = self.similarity.derivatives(poses)
-        return {
-            "type": "curve",
-            "azimuths": _round(poses[:, 0]),
-            "similarities": _round(values),
-            "derivatives": _round(derivatives[:, 0]),
-            "done": done,
-        }
+        self.chart.add_to_curve(first, values, derivatives[:, 0])
+        return {"type": "curve", "done": first + len(poses) == AZIMUTHS, "chart": self.chart.draw()}
 
     def fit(
         self,
@@ -143,9 +146,12 @@ class Fitting:
     ) -> PoseEstimate:
         """The pose that the search finds; poses on the way are sent as they come."""
 
+        self.chart.steps.clear()
+
         def watch(model: str, pose: Tensor) -> None:
             cancel.check()
             value = float(self.similarity.values(pose[None]))
+            self.chart.steps.append((float(pose[0]), value))
             send({"type": "step", "pose": _round(pose), "similarity": value})
 
         def progress(done: int, total: int, what: str) -> None:

@@ -135,11 +135,12 @@ class Open:
 
 @dataclass(frozen=True, kw_only=True)
 class Turn:
-    """A pose to render; with ``place`` the model is moved until it fills the box."""
+    """A pose to render, moved until it fills the box with ``place``; ``width`` is that of the chart in pixels."""
 
     n: int
     pose: Pose
     place: bool = False
+    width: int = 480
 
 
 @dataclass(frozen=True, kw_only=True)

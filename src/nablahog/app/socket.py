@@ -80,15 +80,12 @@ class FitSocket:
         """Answers the newest pose until there is none."""
         while self._turn is not None:
             turn, self._turn = self._turn, None
-            view = partial(self._opened().view, turn.n, turn.pose, turn.place)
-            await self._with_errors(self._answer(self.quick, view))
+            await self._with_errors(self._answer(self.quick, partial(self._opened().view, turn)))
 
     async def _curve(self, message: Curve) -> None:
         """The curve, part by part, so that poses that are dragged meanwhile need not wait for all of it."""
-        scene = self._opened()
-        parts = await self.quick.run(lambda _: scene.around(message.pose))
-        for number, poses in enumerate(parts, 1):
-            await self._answer(self.quick, partial(scene.curve, poses, number == len(parts)))
+        for part in self._opened().curve(message.pose):
+            await self._answer(self.quick, part)
 
     async def _fit(self, message: Fit) -> None:
         """The poses that a search comes to, and its result."""

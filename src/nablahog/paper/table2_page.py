@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from ..metrics import VIEW_COUNTS
 from ..viz import html
 from ..viz.pictures import Panel, outlined
-from ..viz.similarity_plot import boxed
+from ..viz.similarity_plot import draw_boxes
 from .annotations import Example
 from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
@@ -150,7 +150,7 @@ def _conditions(table: Table2) -> list[html.Section]:
     panels = []
     for name, examples in table.conditions.items():
         first = examples.objects[0]
-        picture = first.image if first.box is None else boxed(first.image, [first.box])
+        picture = first.image if first.box is None else draw_boxes(first.image, [first.box])
         panels.append(Panel(picture, name, f"The image {first.name} with the box that methods are given"))
     first_of_each = html.Section("", "The first object of each condition.", panels)
     return [html.Section("Harder conditions", text, table=rows), first_of_each]

@@ -91,6 +91,11 @@ class Shape:
     fill: str = "ground"
     anchor: str = "start"
 
+    @property
+    def coordinates(self) -> str:
+        """The points as SVG has them."""
+        return " ".join(f"{round(x, 2)},{round(y, 2)}" for x, y in self.points)
+
 
 @dataclass
 class Drawing:

@@ -18,70 +18,120 @@ Floats = NDArray[np.floating]
 WIDTH, LEFT, RIGHT = 960, 64, 24
 HEIGHTS = 240, 140  # of similarity and derivative
 HEAD, FOOT, VIEW = 24, 20, 96
+TANGENT_REACH = 15.0  # degrees of azimuth, on each side
+LEAST_LABEL_WIDTH = 40.0  # pixels between labels of azimuths
 _MARK = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
-def boxed(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
+def draw_boxes(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
     """A picture in 0…1 as (3, H, W) with red boxes x0, y0, x1, y1 in pixels; what is beyond the picture is not seen."""
     drawn = to_pil(picture).convert("RGB")
     draw = ImageDraw.Draw(drawn)
     for x0, y0, x1, y1 in boxes:
         draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=_MARK, width=2)
-    levels: NDArray[np.float64] = np.asarray(drawn).transpose(2, 0, 1) / 255
-    return levels
+    picture_with_boxes: NDArray[np.float64] = np.asarray(drawn).transpose(2, 0, 1) / 255
+    return picture_with_boxes
 
 
-def by_azimuth(
+def draw_by_azimuth(
     similarities: Floats,
     derivatives: Floats,
     differences: Floats,
     *,
-    what: str,
-    how: str,
+    kind: str,
+    remark: str,
     azimuth: float,
     traces: Sequence[tuple[Sequence[float], Sequence[float]]] = (),
     views: Sequence[Picture] = (),
 ) -> Drawing:
-    """Similarity and, below it, its derivative over all azimuths.
+    """The paper's figure: similarity and, below it, its derivative over all azimuths.
 
     Args:
         similarities, derivatives: (N,), at N equidistant azimuths from 0°, the latter per degree.
         differences: (N,), what the derivatives are compared with, drawn in gray behind them.
-        what: the kind of similarity.
-        how: says what the differences are, and how well they agree with the derivatives.
+        kind: the kind of similarity.
+        remark: says what the differences are, and how well they agree with the derivatives.
         azimuth: to mark, degrees.
         traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
     """
-    strip = VIEW + 8 if views else 0
-    height, middle = 2 * HEAD + sum(HEIGHTS) + 3 * FOOT + strip, (LEFT + WIDTH - RIGHT) / 2
     best = 360 * int(np.argmax(similarities)) / len(similarities)
-    seen = f"The similarity, {what}, is largest at an azimuth of {best:g}°; the pose found has {azimuth:.1f}°."
-    drawing = Drawing(WIDTH, height, "Similarity and its derivative by azimuth", seen)
-    of_traces = [np.asarray(values) for _, values in traces]
-    top = _Axes(drawing, HEAD, HEIGHTS[0], np.concatenate([similarities, *of_traces]))
-    low = _Axes(drawing, 2 * HEAD + HEIGHTS[0] + FOOT, HEIGHTS[1], np.concatenate([derivatives, differences, [0.0]]))
-    top.frame(f"similarity, {what}")
-    low.frame("its derivative, per degree")
-    drawing.note((WIDTH - RIGHT, low.top - 6), how, "faint", "end")
-    for axes in (top, low):
-        axes.line([azimuth, azimuth], [axes.low, axes.high], "mark", 2)
-    low.line([0.0, 360.0], [0.0, 0.0], "text", 1)
+    description = f"The similarity, {kind}, is largest at an azimuth of {best:g}°; the pose found has {azimuth:.1f}°."
+    plot = SimilarityPlot(
+        np.concatenate([similarities, *(np.asarray(values) for _, values in traces)]),
+        np.concatenate([derivatives, differences]),
+        description,
+        title=f"similarity, {kind}",
+        foot=VIEW + 8 if views else 0,
+    )
+    drawing, top, low = plot.drawing, plot.top, plot.low
+    drawing.note((drawing.width - RIGHT, low.top - 6), remark, "faint", "end")
+    plot.mark(azimuth, "found")
     if traces:
+        middle = (LEFT + drawing.width - RIGHT) / 2
         drawing.note((middle, HEAD - 6), "paths of the search; rings: starts", "path", "middle")
     for azimuths, values in traces:
         top.line(azimuths, values, "path", 1.5)
-    around = np.linspace(0, 360, len(similarities) + 1)
-    top.line(around, np.append(similarities, similarities[0]), "curve", 2)
-    low.line(around, np.append(differences, differences[0]), "faint", 3)
-    low.line(around, np.append(derivatives, derivatives[0]), "curve", 1.5)
+    low.closed_line(differences, "faint", 3)
+    plot.curve(similarities, derivatives)
     for azimuths, values in traces:
         drawing.dot((top.x(azimuths[0] % 360), top.y(values[0])), "path", 5, ringed=True)
-    drawing.note((WIDTH - RIGHT, HEAD - 6), f"found: {azimuth:.1f}°", "mark", "end")
-    drawing.note((middle, height - strip - 10), "azimuth of the camera", anchor="middle")
     for k, view in enumerate(views):
-        drawing.image((top.x(360 * k / len(views)) - VIEW / 2, height - strip), VIEW, view)
+        drawing.image((top.x(360 * k / len(views)) - VIEW / 2, plot.bottom), VIEW, view)
     return drawing
+
+
+class SimilarityPlot:
+    """A drawing of similarity and, below it, of its derivative over all azimuths; parts are added from the back.
+
+    Attributes:
+        drawing: with the axes, labelled.
+        top, low: the axes of the similarity and of its derivative.
+        bottom: the height above the ``foot`` pixels that are left free.
+    """
+
+    def __init__(
+        self,
+        similarities: Floats,
+        derivatives: Floats,
+        description: str,
+        *,
+        title: str = "similarity",
+        width: int = WIDTH,
+        heights: tuple[int, int] = HEIGHTS,
+        foot: int = 0,
+    ) -> None:
+        self.bottom = 2 * HEAD + sum(heights) + 3 * FOOT
+        self.drawing = Drawing(width, self.bottom + foot, "Similarity and its derivative by azimuth", description)
+        self.top = _Axes(self.drawing, HEAD, heights[0], similarities)
+        self.low = _Axes(self.drawing, 2 * HEAD + heights[0] + FOOT, heights[1], np.append(derivatives, 0.0))
+        self.top.frame(title)
+        self.low.frame("its derivative, per degree")
+        self.drawing.note(((LEFT + width - RIGHT) / 2, self.bottom - 10), "azimuth of the camera", anchor="middle")
+
+    def mark(self, azimuth: float, label: str) -> None:
+        """Marks an azimuth in both parts, and the derivative's zero."""
+        for axes in (self.top, self.low):
+            axes.line([azimuth, azimuth], [axes.least, axes.largest], "mark", 2)
+        self.low.line([0.0, 360.0], [0.0, 0.0], "text", 1)
+        corner = (self.drawing.width - RIGHT, HEAD - 6)
+        self.drawing.note(corner, f"{label}: {azimuth:.1f}°", "mark", "end")
+
+    def curve(self, similarities: Floats, derivatives: Floats, colour: str = "curve") -> None:
+        """Draws similarities and derivatives at N equidistant azimuths from 0°; NaN where they are not yet known."""
+        self.top.closed_line(similarities, colour, 2)
+        self.low.closed_line(derivatives, colour, 1.5)
+
+    def tangent(self, azimuth: float, similarity: float, derivative: float) -> None:
+        """Draws a point in both parts, with its tangent in the upper one."""
+        self.top.line(
+            [azimuth - TANGENT_REACH, azimuth + TANGENT_REACH],
+            [similarity - TANGENT_REACH * derivative, similarity + TANGENT_REACH * derivative],
+            "path",
+            2,
+        )
+        for axes, value in ((self.top, similarity), (self.low, derivative)):
+            self.drawing.dot((axes.x(azimuth), axes.y(value)), "path", 5)
 
 
 class _Axes:
@@ -89,24 +139,25 @@ class _Axes:
 
     def __init__(self, drawing: Drawing, top: int, height: int, values: Floats) -> None:
         self.drawing, self.top, self.height = drawing, top, height
-        low, high = float(values.min()), float(values.max())
-        margin = 0.05 * (high - low) or 1.0
-        self.low, self.high = low - margin, high + margin
+        least, largest = float(np.nanmin(values)), float(np.nanmax(values))
+        margin = 0.05 * (largest - least) or 1.0
+        self.least, self.largest = least - margin, largest + margin
+        self.right = drawing.width - RIGHT
 
     def x(self, azimuth: float) -> float:
-        return LEFT + azimuth / 360 * (WIDTH - LEFT - RIGHT)
+        return LEFT + azimuth / 360 * (self.right - LEFT)
 
     def y(self, value: float) -> float:
-        return self.top + (self.high - value) / (self.high - self.low) * self.height
+        return self.top + (self.largest - value) / (self.largest - self.least) * self.height
 
     def frame(self, title: str) -> None:
         bottom = self.top + self.height
-        for azimuth in range(0, 361, 45):
+        for azimuth in range(0, 361, 45 if self.x(45) - self.x(0) >= LEAST_LABEL_WIDTH else 90):
             self.drawing.line([(self.x(azimuth), self.top), (self.x(azimuth), bottom)], "grid")
             self.drawing.note((self.x(azimuth), bottom + 16), f"{azimuth}°", anchor="middle")
-        step = _step((self.high - self.low) / 3)
-        for k in range(math.ceil(self.low / step), math.floor(self.high / step) + 1):
-            self.drawing.line([(LEFT, self.y(k * step)), (WIDTH - RIGHT, self.y(k * step))], "grid")
+        step = _choose_step((self.largest - self.least) / 3)
+        for k in range(math.ceil(self.least / step), math.floor(self.largest / step) + 1):
+            self.drawing.line([(LEFT, self.y(k * step)), (self.right, self.y(k * step))], "grid")
             self.drawing.note((LEFT - 6, self.y(k * step) + 4), f"{k * step:.6g}", anchor="end")
         self.drawing.note((LEFT, self.top - 6), title, "curve")
 
@@ -117,30 +168,34 @@ class _Axes:
         along, upwards = np.asarray(azimuths, dtype=np.float64), np.asarray(values, dtype=np.float64)
         number = np.arange(len(along))
         # with points where the line leaves and comes back
-        at = np.concatenate([number, *(_crossings(along, 360 * turn) for turn in _turns(along))])
-        along, upwards = (np.interp(np.sort(at), number, of) for of in (along, upwards))
+        positions = np.concatenate([number, *(_crossings(along, 360 * turn) for turn in _turns(along))])
+        along, upwards = (np.interp(np.sort(positions), number, values) for values in (along, upwards))
         for turn in _turns(along):
             here = along - 360 * turn
-            inside = (here > -1e-6) & (here < 360 + 1e-6)
+            inside = (here > -1e-6) & (here < 360 + 1e-6) & np.isfinite(upwards)
             for part in np.split(np.arange(len(here)), np.flatnonzero(np.diff(inside)) + 1):
-                if inside[part[0]]:
+                if inside[part[0]] and len(part) > 1:
                     points = [(self.x(float(here[k])), self.y(float(upwards[k]))) for k in part]
                     self.drawing.line(points, colour, width)
+
+    def closed_line(self, values: Floats, colour: str, width: float) -> None:
+        """A line through values at equidistant azimuths from 0°, once around."""
+        self.line(np.linspace(0, 360, len(values) + 1), np.append(values, values[0]), colour, width)
 
 
 def _turns(azimuths: Floats) -> range:
     return range(math.floor(azimuths.min() / 360), math.floor(azimuths.max() / 360) + 1)
 
 
-def _crossings(azimuths: Floats, at: float) -> Floats:
+def _crossings(azimuths: Floats, azimuth: float) -> Floats:
     """The positions along a line, in points, at which it passes an azimuth."""
-    before = azimuths[:-1] - at
-    (k,) = np.nonzero(before * (azimuths[1:] - at) < 0)
+    before = azimuths[:-1] - azimuth
+    (k,) = np.nonzero(before * (azimuths[1:] - azimuth) < 0)
     crossings: Floats = k - before[k] / np.diff(azimuths)[k]
     return crossings
 
 
-def _step(about: float) -> float:
+def _choose_step(about: float) -> float:
     """The largest of 1, 2 and 5 times a power of ten that is at most ``about``."""
     power = 10.0 ** math.floor(math.log10(about))
     return max(power * factor for factor in (1, 2, 5) if power * factor <= about)

@@ -52,7 +52,7 @@ export class Fit {
     this.app = app;
     this.mesh = new MeshChooser(app.about, app.address, () => this.#reopen());
     this.#curve = new Curve((azimuth) => this.#turn(this.#controls.value.map((old, i) => i ? old : azimuth)),
-      (pose) => this.#askCurve(pose));
+      (pose) => this.#askCurve(pose), () => this.#turn(this.#controls.value));
     this.#options = new Options("fit", app.about, app.address);
     this.restore();
     app.source.addEventListener("change", () => this.show(this.#shown));
@@ -189,7 +189,8 @@ export class Fit {
       case "ready": return void this.#opened(message);
       case "view": return void this.#view(message);
       case "curve":
-        if (this.#curve.add(message)) this.#end("curve");
+        this.#curve.show(message.chart);
+        if (message.done) this.#end("curve");
         return;
       case "progress": return this.#waits.fit?.say(`Searching for the pose: ${message.what}`, message.done, message.total);
       case "step": return this.#step(message);
@@ -234,7 +235,6 @@ export class Fit {
     this.#controls.write(pose);
     this.#remember();
     if (!this.#ready) return;
-    this.#curve.here(pose, null);
     if (this.#waits.curve && !this.#curve.fits(pose)) this.#session.send({ type: "stop" });
     cancelAnimationFrame(this.#frame);
     this.#frame = requestAnimationFrame(() => this.#send(pose, place || this.#placing > this.#drawn));
@@ -248,12 +248,12 @@ export class Fit {
     this.#n++;
     if (place) this.#placing = this.#n;
     if (!this.#waits.view) this.#begin("view", "curve-progress", "Rendering", () => this.#end("view"));
-    this.#session.send({ type: "pose", n: this.#n, pose, place });
+    this.#session.send({ type: "pose", n: this.#n, pose, place, width: this.#curve.width });
   }
 
   /**
    * @param {{n: number, pose: Pose, similarity: number, derivative: number[], image: string,
-   *   glyphs: import("./types.js").Glyphs, milliseconds: number}} message
+   *   glyphs: import("./types.js").Glyphs, chart: import("./types.js").SimilarityChart, milliseconds: number}} message
    */
   async #view(message) {
     if (message.n < this.#drawn) return;
@@ -272,9 +272,9 @@ export class Fit {
       make("br"), `Derivative per degree: azimuth ${figure(message.derivative[0], 4)}, elevation ${figure(message.derivative[1], 4)}`,
       make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
     this.#renderGlyphs.show(message.glyphs.image, true);
-    this.#curve.here(message.pose, { similarity: message.similarity, slope: message.derivative[0] ?? 0 });
+    this.#curve.show(message.chart);
     if (!this.#waits.fit) {
-      this.#curve.want(message.pose);
+      this.#curve.later(message.pose);
       announce(`At ${words}.`);
     }
     await this.#scene.setView(message.image, message.pose, message.derivative);
@@ -297,7 +297,6 @@ export class Fit {
     this.#end("curve");
     this.#begin("fit", "search-progress", "Searching for the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
-    this.#curve.steps = [];
     element("fit-result", HTMLElement).hidden = true;
     element("fit-said", HTMLElement).textContent = "";
     const here = element("fit-from-here", HTMLInputElement).checked;
@@ -313,7 +312,6 @@ export class Fit {
 
   /** @param {{pose: Pose, similarity: number}} message */
   #step(message) {
-    this.#curve.step(message.pose, message.similarity);
     this.#waits.fit?.say(`Searching for the pose: similarity ${figure(message.similarity)}`);
     const now = performance.now();
     if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;

@@ -1,8 +1,8 @@
 /** The view “Invert”: the pre-image while it is made. */
 
 import { getBlob, postFile, postJson } from "./api.js";
-import { Chart } from "./chart.js";
 import { Options } from "./controls.js";
+import { DistanceChart } from "./distance_chart.js";
 import { bringIntoSight, checked, element, enable, figure, make, onPress, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert } from "./inversion.js";
@@ -20,7 +20,7 @@ export class Invert {
   #canvas = element("preimage", HTMLCanvasElement);
   #stage = new Stage("preimage");
   #painter = new Painter(this.#canvas);
-  #chart = new Chart("distance-chart", { x: "evaluations", y: "distance" });
+  #chart = new DistanceChart("distance-chart");
   #newest = new LatestRequest("invert-progress");
   /** @type {import("./types.js").InvertDone | null} */
   #done = null;
@@ -251,7 +251,7 @@ export class Invert {
 
   #drawCurve() {
     const last = this.#curve.at(-1);
-    this.#chart.show([{ points: this.#curve, kind: "line" }], last
+    this.#chart.show(this.#curve, last
       ? `The distance falls from ${figure(this.#curve[0]?.[1])} to ${figure(last[1])} in ${Math.round(last[0])} evaluations`
       : "No points yet");
   }

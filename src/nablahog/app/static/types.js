@@ -35,6 +35,7 @@
  *   psnr: number | null, polarity: number | null, negative: string | null, evaluations: number, stop_reason: string,
  *   seconds: number, history: number[], lines: Lines, definitions: {[name: string]: string}}} InvertDone
  *
+ * @typedef {{svg: string, description: string, across: number[]}} SimilarityChart across: shares of its width, of 0° and 360°
  * @typedef {number[]} Pose azimuth, elevation, distance, theta, x, y
  */
 export {};

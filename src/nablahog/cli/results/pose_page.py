@@ -23,7 +23,7 @@ from ...render import Camera, Mesh, render, silhouette
 from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
-from ...viz.similarity_plot import boxed, by_azimuth
+from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
 from .pose_files import DEFINITIONS
 
 HEIGHT = 320  # of the pictures of the overlay
@@ -101,7 +101,7 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(
-            boxed(whole_outlined, [[side * zoom for side in estimate.box]]),
+            draw_boxes(whole_outlined, [[side * zoom for side in estimate.box]]),
             "the photograph",
             f"The photograph with the object's box and the outline of {estimate.model}",
         ),
@@ -155,12 +155,12 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     derivatives, opendr = as_array(slopes[:, 0]), as_array(similarity("opendr", 1).derivatives(poses)[1][:, 0])
     cosine = _cosine(derivatives, differences)
     traces = [trace for trace in estimate.traces if trace.model == estimate.model]
-    drawing = by_azimuth(
+    drawing = draw_by_azimuth(
         as_array(values),
         derivatives,
         differences,
-        what=estimate.similarity_kind,
-        how=f"gray: central differences over ±{STEP:g}°; cosine {cosine:.2f}",
+        kind=estimate.similarity_kind,
+        remark=f"gray: central differences over ±{STEP:g}°; cosine {cosine:.2f}",
         azimuth=estimate.azimuth,
         traces=[(trace.azimuths, trace.similarities) for trace in traces],
         views=list(render(mesh, azimuth_sweep(start, VIEWS), matched.crop.camera)),
@@ -198,7 +198,7 @@ def _glyphs(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> 
             for row, col in elements.positions.tolist()
         ]
         seen = f"Strokes along the edges of {what}, cell by cell, with {len(boxes)} boxes around visual elements"
-        panels += [Panel(image[0], what), Panel(boxed(drawn, boxes), f"its glyphs, {len(boxes)} elements", seen)]
+        panels += [Panel(image[0], what), Panel(draw_boxes(drawn, boxes), f"its glyphs, {len(boxes)} elements", seen)]
     return panels
 
 
