@@ -28,7 +28,7 @@ from torch import Tensor
 
 from nablahog import hog, presets, reconstruct, train_prior
 from nablahog.hog import HOGSpec
-from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.invert import Search
 from nablahog.optimize import Minimiser
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, sample_chairs
@@ -150,7 +150,7 @@ def measure_hog() -> None:
     for name in ("paper", "uoctti", "skimage"):
         for shape in SIZES:
             for backward in (False, True):
-                rows += rows_of(name, BY_NAME[name], shape, backward, bandwidth)
+                rows += rows_of(name, DEFAULT_SPECS[name], shape, backward, bandwidth)
                 torch.cuda.empty_cache()
     print(f"A copy reaches {bandwidth / 1e9:.0f} GB/s.\n")
     print(table(["what", "program", "ms", "bandwidth", "memory, images"], rows))

@@ -29,7 +29,7 @@ import trimesh
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog
-from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.paper.scenes import CHAIRS
 from nablahog.render import Camera, Light, Mesh, Renderer, pose, pose_vjp
 from nablahog.render.models import Model, read_models
@@ -172,7 +172,7 @@ def agreement(result: Tensor, true: Tensor) -> tuple[float, float]:
 
 def derivative(options: argparse.Namespace) -> None:
     torch.set_num_threads(1)
-    spec = BY_NAME[options.descriptor]
+    spec = DEFAULT_SPECS[options.descriptor]
     scores, rows = [], []
     for number, (name, mesh) in enumerate(chairs(options.models, options.chairs)):
         wanted = hog(target(mesh, number), spec)
@@ -193,7 +193,7 @@ def main() -> None:
     of_derivative = commands.add_parser("derivative")
     of_derivative.add_argument("--models", type=Path, metavar="DIR", help="CAD models; by default chairs that ship")
     of_derivative.add_argument("--chairs", type=int, default=10, help="how many, spread over the folder")
-    of_derivative.add_argument("--descriptor", choices=[*BY_NAME], default="paper")
+    of_derivative.add_argument("--descriptor", choices=[*DEFAULT_SPECS], default="paper")
     of_derivative.set_defaults(run=derivative)
     options = parser.parse_args()
     options.run(options)

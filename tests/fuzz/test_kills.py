@@ -23,7 +23,7 @@ from PIL import Image
 
 from nablahog.cli.commands import hog, learn, tables  # noqa: F401, loaded once
 from nablahog.cli.main import main
-from nablahog.hog import kernels  # noqa: F401, loaded once
+from nablahog.hog.kernels import loops  # noqa: F401, loaded once
 
 from .harness import examine, parts
 

@@ -10,14 +10,14 @@ from torch import Tensor
 
 from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.dialects import BY_NAME
 from nablahog.hog.entries import CellAlignment, cell_entries
+from nablahog.hog.inputs import DEFAULT_SPECS
 
 from .zoo import NORMALIZERS, noise, sized
 
 SIZE = (48, 40)
 SPECS: dict[str, HOGSpec] = {
-    **{name: sized(spec, 4) for name, spec in BY_NAME.items()},
+    **{name: sized(spec, 4) for name, spec in DEFAULT_SPECS.items()},
     "blocks": presets.vlfeat("dalaltriggs", cell_size=4),
     "skimage L1-sqrt": presets.skimage(pixels_per_cell=(4, 4), block_norm="L1-sqrt"),
     "opencv, no overlap": presets.opencv((40, 48), (8, 8), (8, 8), (4, 4)),

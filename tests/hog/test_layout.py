@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.hog.layout import channel_names, from_layout, native_shape, to_layout
 
 from .zoo import PRESETS, SPECS, integers
@@ -76,7 +76,7 @@ def test_refuses_other_shapes(name: str) -> None:
 
 @pytest.mark.parametrize("name", presets.__all__)
 def test_each_channel_has_a_name_of_its_own(name: str) -> None:
-    spec = BY_NAME[name]
+    spec = DEFAULT_SPECS[name]
     names = channel_names(name)
     assert len(names) == len({*names}) == spec.channels
 

@@ -9,7 +9,7 @@ import torch
 from torch.testing import assert_close
 
 from nablahog import HOGLoss, hog, presets
-from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.invert.reconstruction import relative_distance
 
 from .zoo import noise
@@ -20,7 +20,7 @@ IMAGES, TARGETS = noise(2, 1, 32, 32, seed=0), noise(2, 1, 32, 32, seed=1)
 
 @pytest.mark.parametrize("name", [*SPECS, "vlfeat"])
 def test_it_is_the_squared_distance_of_reconstructions(name: str) -> None:
-    spec = BY_NAME[name] if name != "opencv" else presets.opencv(win_size=(32, 32))
+    spec = DEFAULT_SPECS[name] if name != "opencv" else presets.opencv(win_size=(32, 32))
     expected = relative_distance(IMAGES, hog(TARGETS, spec), spec).square()
     assert_close(HOGLoss(spec, reduction="none")(IMAGES, TARGETS), expected)
     assert_close(HOGLoss(spec, reduction="sum")(IMAGES, TARGETS), expected.sum())

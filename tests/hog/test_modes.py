@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 
 from nablahog.hog import HOG, HOGSpec, hog, operators, presets
 from nablahog.hog.descriptor import Backend, histograms
-from nablahog.hog.kernels import supports
+from nablahog.hog.kernels.loops import supports
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from .zoo import PRESETS, SPECS, fits, integers, noise

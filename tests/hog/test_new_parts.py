@@ -14,7 +14,7 @@ from torch.testing import assert_close
 from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.kernels import supports
+from nablahog.hog.kernels.loops import supports
 from nablahog.hog.normalizers import Footprint, Normalizer, PerCell
 from nablahog.hog.poolings import Pooling, Taps
 from nablahog.invert import Search

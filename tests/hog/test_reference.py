@@ -16,7 +16,7 @@ from nablahog.hog import BilinearCells, BlockCells, BlockNorm, BoxCells, HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.hog.orientation import votes
 from nablahog.hog.spec import Border
-from nablahog.hog.taps import pooling_axes
+from nablahog.hog.steps import pooling_axes
 
 from . import reference
 from .zoo import DOUBLE, SPECS, fits, integers, noise, rounding, spec

@@ -174,6 +174,13 @@ def test_is_immutable() -> None:
         presets.paper().bins = 18  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("s", SPECS.values(), ids=SPECS)
+def test_parts_hold_their_fields_alone(s: HOGSpec) -> None:
+    """Not the classes of all parts as well, which a pickle would have to find again."""
+    for part in (s.normalizer, s.pooling):
+        assert [*vars(part)] == [field.name for field in dataclasses.fields(part)]
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     size = np.arange(4, 9, 4)
     assert presets.uoctti(cell_size=size[1]) == presets.uoctti(cell_size=8)

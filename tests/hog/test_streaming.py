@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, hog, presets, stream
-from nablahog.hog.kernels import supports
+from nablahog.hog.kernels.loops import supports
 
 from .zoo import SPECS, fits
 

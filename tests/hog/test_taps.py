@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog import taps
+from nablahog.hog import steps
 from nablahog.hog.kernels.tables import ImageTables
-from nablahog.hog.steps import histograms_reference
-from nablahog.hog.taps import pooling_axes
+from nablahog.hog.steps import histograms_reference, pooling_axes
 
 from .zoo import SPECS, noise
 
@@ -35,7 +34,7 @@ def test_pieces_change_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> No
     images = noise(2, 3, 31, 29)
     whole = gradients(images, name)
     for pixels in (5, 16):
-        monkeypatch.setattr(taps, "PIECE", pixels)
+        monkeypatch.setattr(steps, "PIECE", pixels)
         assert len(pooling_axes(SPECS[name], 31, 29, images)[0].pieces) > 1
         for got, expected in zip(gradients(images, name), whole, strict=True):
             assert_close(got, expected, rtol=0, atol=1e-12 * float(expected.abs().max()))

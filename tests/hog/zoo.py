@@ -20,7 +20,7 @@ from nablahog.hog import (
     HOGSpec,
     presets,
 )
-from nablahog.hog.dialects import BY_NAME
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.hog.normalizers import Normalizer
 from nablahog.hog.normalizers.four_block import PARTS
 
@@ -47,7 +47,7 @@ def _any_size(s: HOGSpec) -> Callable[..., HOGSpec]:
 
 # What one dialect is: each preset, and the variants that differ in more than a number.
 PRESETS: dict[str, Callable[..., HOGSpec]] = {
-    **{name: _any_size(default) for name, default in BY_NAME.items()},
+    **{name: _any_size(default) for name, default in DEFAULT_SPECS.items()},
     "paper-robust": lambda cell_size=8: presets.paper(cell_size, global_form="robust"),
     "uoctti-hard": lambda cell_size=8: presets.uoctti(cell_size, vote="hard"),
     "vlfeat-bilinear": _any_size(presets.vlfeat(bilinear_orientations=True)),

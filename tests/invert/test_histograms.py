@@ -12,8 +12,8 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
-from nablahog.hog.dialects import BY_NAME
 from nablahog.hog.gradient import gradient
+from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.hog.normalizers.four_block import Outside, Texture
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
@@ -33,7 +33,7 @@ from .photographs import correlation, photograph
 SIZE = (48, 40)
 FEW = Search(max_evaluations=20)
 SPECS: dict[str, HOGSpec] = {
-    **{name: sized(spec, 4) for name, spec in BY_NAME.items()},
+    **{name: sized(spec, 4) for name, spec in DEFAULT_SPECS.items()},
     "vlfeat-dalaltriggs": presets.vlfeat("dalaltriggs", cell_size=4),
     "skimage-sqrt": presets.skimage(pixels_per_cell=(4, 4), transform_sqrt=True, block_norm="L1-sqrt"),
     "opencv-signed": presets.opencv((40, 48), (8, 8), (4, 4), (4, 4), nbins=18, gamma=False, signed=True),

@@ -8,7 +8,6 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from ..hog import HOGSpec, presets
-from ..hog.dialects import BY_NAME
 from ..invert.histograms import linear_vote_spec
 from ..invert.prior.learned import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
@@ -32,7 +31,7 @@ def about(store: Store) -> dict[str, Any]:
     return {
         "version": version("nablahog"),
         "default_preset": DEFAULT_PRESET,
-        "presets": [_preset(name, BY_NAME[name]) for name in PRESETS],
+        "presets": [_preset(name, PRESETS[name]()) for name in PRESETS],
         "samples": [
             {
                 "id": key,

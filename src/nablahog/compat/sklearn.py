@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from ..hog.descriptor import hog
-from ..hog.dialects import as_spec
+from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
 
 __all__ = ["HOGTransformer"]

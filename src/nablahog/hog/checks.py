@@ -1,12 +1,15 @@
-"""Checks of the fields of a spec and its parts: each raises ValueError with one sentence."""
+"""Checks of the fields of a spec and its parts, with errors of one sentence, and the register of kinds of parts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
+
+Part = TypeVar("Part")
 
 LEAST_CONSTANT, MOST_CONSTANT = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
 LONGEST_SIDE = 1_000_000  # in pixels or cells
@@ -14,15 +17,16 @@ _CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]]
 """For each class, the type and check of each field; read once, since torch.compile cannot trace the reading."""
 
 
-def check_fields(part: object, *unchecked: str) -> None:
+def check_fields(part: Any, *unchecked: str) -> None:
     """Checks the fields of a frozen dataclass by their types; lists become tuples, and integers floats.
 
     A float lies in 1e-12 … 1e12, a pair of integers in 1 … 1,000,000.  Fields of types other than these, literals
     and truth values are left to the class, and so are the ``unchecked``.
     """
     if type(part) not in _CHECKS:
-        hints = get_type_hints(type(part)).items()
-        _CHECKS[type(part)] = {field: (get_origin(hint) or hint, _check_of(hint)) for field, hint in hints}
+        hints = get_type_hints(type(part))  # of class variables, too, which stay the class's
+        kinds = {field.name: hints[field.name] for field in fields(part)}
+        _CHECKS[type(part)] = {field: (get_origin(kind) or kind, _check_of(kind)) for field, kind in kinds.items()}
     for field, (kind, check) in _CHECKS[type(part)].items():
         value = _plain(getattr(part, field))
         object.__setattr__(part, field, value)
@@ -85,3 +89,19 @@ def pair(size: int | tuple[int, int]) -> tuple[int, int]:
 def shortened(value: object) -> str:
     """A wrong value in at most 60 characters, for an error message."""
     return one_line(repr(value), 60)
+
+
+def register(part: type[Part], kinds: dict[str, type[Part]]) -> None:
+    """Adds the class of a part to those of its sort, if it defines its ``kind``, and not one that inherits it.
+
+    Raises:
+        TypeError: another part has this kind.
+    """
+    if "kind" not in vars(part):
+        return
+    kind: str = vars(part)["kind"]
+    known = kinds.setdefault(kind, part)
+    # a class may come again: from a module that is reloaded, or a dataclass with slots
+    if (known.__module__, known.__qualname__) != (part.__module__, part.__qualname__):
+        raise TypeError(f"the kind {kind!r} of {part.__qualname__} is that of {known.__qualname__}: choose another")
+    kinds[kind] = part

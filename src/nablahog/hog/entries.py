@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from .spec import HOGSpec
-from .taps import pooling_axes
+from .steps import pooling_axes
 
 
 def mean_over_colours(planes: Tensor, spec: HOGSpec) -> Tensor:

@@ -1,4 +1,4 @@
-"""NumPy arrays and PIL images where tensors are expected, and warnings about images that are seldom meant.
+"""NumPy arrays and PIL images where tensors are expected, names of presets where specs are; warnings of odd images.
 
 Tensors have the axes of PyTorch, images (B, C, H, W).  Arrays have those of the libraries they come from, channels
 last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  Descriptors are (B, rows, cols, channels) in both.  An
@@ -17,7 +17,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..runtime.text import describe_type
+from ..runtime.text import describe_type, did_you_mean
+from . import presets
+from .checks import shortened
 from .spec import COLOURS, HOGSpec
 
 if TYPE_CHECKING:
@@ -35,6 +37,27 @@ RANGE_OVERSHOOT = 1.0  # above white; filters overshoot by less
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
 _CALLER = 4  # frames up: this file's two, the operator, and the line that called it
+
+DEFAULT_SPECS: dict[str, HOGSpec] = {name: getattr(presets, name)() for name in presets.__all__}
+"""The dialects of all presets with their defaults."""
+
+
+def as_spec(spec: HOGSpec | str) -> HOGSpec:
+    """A spec, or the preset of that name with its defaults.
+
+    Raises:
+        TypeError: it is neither a spec nor a name.
+        ValueError: there is no such preset.
+    """
+    if isinstance(spec, HOGSpec):
+        return spec
+    if not isinstance(spec, str):
+        raise TypeError(f"spec must be a HOGSpec or the name of a preset, got {type(spec).__name__}")
+    if spec not in DEFAULT_SPECS:
+        names = ", ".join(DEFAULT_SPECS)
+        advice = did_you_mean(spec, DEFAULT_SPECS)
+        raise ValueError(f"spec must be a HOGSpec or one of {names}, got {shortened(spec)}{advice}")
+    return DEFAULT_SPECS[spec]
 
 
 def image_batch(name: str, images: object) -> tuple[Tensor, bool]:

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from .dialects import as_spec
-from .inputs import Descriptors, descriptor_tensor, to_array
+from .inputs import Descriptors, as_spec, descriptor_tensor, to_array
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec
 

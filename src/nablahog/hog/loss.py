@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from .checks import check_choice
 from .descriptor import HALVES, hog
-from .dialects import as_spec
+from .inputs import as_spec
 from .spec import HOGSpec
 
 Reduction: TypeAlias = Literal["mean", "sum", "none"]

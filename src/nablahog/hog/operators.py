@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from . import kernels
 from .engine import Step, make_step, real_dtype
+from .kernels.loops import NATIVE_ENGINE
 from .spec import HOGSpec
 
 
@@ -28,7 +28,7 @@ def _spec_of(text: str) -> HOGSpec:
 
 def _step(name: str, images: Tensor, text: str) -> Step:
     """On a CPU or a GPU: a graph may be loaded where nothing has asked for Triton yet."""
-    engine = kernels.NATIVE_ENGINE
+    engine = NATIVE_ENGINE
     if images.is_cuda:
         from .triton.steps import EXPORTED_ENGINE as engine
     return make_step(getattr(engine, name), _spec_of(text), images.shape[1:], images.dtype, real_dtype(images.dtype))

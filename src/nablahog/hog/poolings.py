@@ -6,8 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
-from .checks import LONGEST_SIDE, check_fields, shortened
-from .kinds import register
+from .checks import LONGEST_SIDE, check_fields, register, shortened
 from .normalizers import Footprint, Normalizer
 
 if TYPE_CHECKING:

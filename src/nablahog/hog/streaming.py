@@ -14,8 +14,7 @@ from torch import Tensor
 
 from ..runtime.text import describe_type
 from .descriptor import histograms, normalize
-from .dialects import as_spec
-from .inputs import is_pil, pil_pixels
+from .inputs import as_spec, is_pil, pil_pixels
 from .kernels.loops import add_energy
 from .spec import HOGSpec
 from .steps import spread_nan

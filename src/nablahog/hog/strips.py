@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import torch
 
-from .kernels import supports
+from .kernels.loops import supports
 from .kernels.tables import pooling_stretches
 from .spec import HOGSpec
 

@@ -21,8 +21,7 @@ from ..hog.entries import CellAlignment, cell_entries, fill_from_nearest, mean_o
 from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockNorm, in_dpm_order
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
-from ..hog.steps import split_colours
-from ..hog.taps import pooling_axes
+from ..hog.steps import pooling_axes, split_colours
 from ..optimize import lbfgs
 from .reconstruction import squared_norm
 from .unknowns import CosineBasis, from_cosines, to_cosines

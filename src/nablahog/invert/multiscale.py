@@ -18,8 +18,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
-from ..hog.dialects import as_spec
-from ..hog.inputs import Descriptors
+from ..hog.inputs import Descriptors, as_spec
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (

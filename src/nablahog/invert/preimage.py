@@ -14,8 +14,7 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import hog
-from ..hog.dialects import as_spec
-from ..hog.inputs import ArrayImage, Descriptors
+from ..hog.inputs import ArrayImage, Descriptors, as_spec
 from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode, memory_for

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..hog.dialects import as_spec
+from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_descriptor

@@ -36,7 +36,7 @@ from ..hog.descriptor import histograms
 from ..hog.entries import mean_over_colours
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
-from ..hog.taps import pooling_axes
+from ..hog.steps import pooling_axes
 from .histograms import average_colours
 from .unknowns import from_cosines, to_cosines
 

@@ -13,9 +13,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..hog.dialects import as_spec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import Descriptors, to_array
+from ..hog.inputs import Descriptors, as_spec, to_array
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..runtime.pytorch import in_plain_mode

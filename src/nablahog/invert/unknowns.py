@@ -24,7 +24,7 @@ from torch import Tensor
 from .. import native
 from ..hog.entries import cell_entries, covered_cells, fill_from_nearest
 from ..hog.spec import HOGSpec
-from ..hog.taps import pooling_axes
+from ..hog.steps import pooling_axes
 
 
 @lru_cache(maxsize=16)  # kept on the device: a copy from the CPU would stall it

@@ -16,8 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..hog.dialects import as_spec
-from ..hog.inputs import descriptor_tensor
+from ..hog.inputs import as_spec, descriptor_tensor
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays

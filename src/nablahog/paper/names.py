@@ -6,7 +6,6 @@ Importing this module does not load PyTorch.
 from __future__ import annotations
 
 from ..hog import HOGSpec, presets
-from ..hog.dialects import BY_NAME
 
 NO_HOG, UOCTTI, DALAL, LIBRARIES = "No HOG", "UoCTTI HOG", "Dalal's HOG", "What libraries compute"
 GROUPS = (NO_HOG, UOCTTI, DALAL, LIBRARIES)
@@ -14,7 +13,11 @@ GROUPS = (NO_HOG, UOCTTI, DALAL, LIBRARIES)
 
 DIALECTS: dict[str, HOGSpec] = {
     # but the paper's two, which have rows of their own, what Dalal's stands for, and what is called otherwise below
-    **{name: spec for name, spec in BY_NAME.items() if name not in ("paper", "uoctti", "dalal_triggs", "cnn_hog")},
+    **{
+        name: getattr(presets, name)()
+        for name in presets.__all__
+        if name not in ("paper", "uoctti", "dalal_triggs", "cnn_hog")
+    },
     "aubry": presets.aubry(8),
     "seeing3d": presets.seeing3d(8),
     "vlfeat-bilinear": presets.vlfeat(bilinear_orientations=True),

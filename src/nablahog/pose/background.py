@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import histograms, normalize
-from ..hog.dialects import as_spec
 from ..hog.gradient import gray
+from ..hog.inputs import as_spec
 from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..hog import HOGSpec
-from ..hog.dialects import as_spec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import descriptor_tensor
+from ..hog.inputs import as_spec, descriptor_tensor
 from ..hog.orientation import bin_angles
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode

@@ -19,7 +19,7 @@ from torch.testing import assert_close
 from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
 from nablahog.hog.descriptor import Backend, histograms, normalize
 from nablahog.hog.engine import REFERENCE
-from nablahog.hog.kernels import NATIVE_ENGINE, engine_of, supports
+from nablahog.hog.kernels.loops import NATIVE_ENGINE, engine_of, supports
 from nablahog.hog.normalizers import PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 

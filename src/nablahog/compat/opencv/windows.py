@@ -19,8 +19,7 @@ from ...hog import BlockNorm, HOGSpec
 from ...hog.layout import to_layout
 from ...hog.orientation import opencv_angle, opencv_table
 from ...hog.poolings import BlockCells
-from ...hog.steps import pool
-from ...hog.taps import pooling_axes
+from ...hog.steps import pool, pooling_axes
 from .arguments import Size
 
 _SIZES = "height", "width", "channels", "top", "left", "padded_height", "padded_width"

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ... import native
 from ...runtime.pytorch import run_in_threads
-from ..engine import Cells, Describe, Norm, OutputAndSaved, Step
+from ..engine import REFERENCE, Cells, Describe, Engine, Norm, OutputAndSaved, Step
 from ..spec import HOGSpec
 from .tables import ImageTables, NormTables
 
@@ -166,6 +166,23 @@ class NativeNorm(Norm):
         addresses = cells.data_ptr(), tangent.data_ptr(), out.data_ptr()
         run_in_threads(_normalize_jvp, len(x), (self.tables.address,), addresses)
         return out
+
+
+NATIVE_ENGINE = Engine(NativeCells, NativeNorm, NativeDescribe)
+_CELLS_ALONE = Engine(NativeCells)
+
+
+def engine_of(spec: HOGSpec) -> Engine:
+    """The steps of a dialect that have loops."""
+    smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
+    if smoothed_border or not native.available():
+        return REFERENCE
+    return NATIVE_ENGINE if spec.normalizer.has_loops else _CELLS_ALONE
+
+
+def supports(spec: HOGSpec) -> bool:
+    """Whether these loops have all that the dialect needs, except perhaps its normaliser."""
+    return engine_of(spec) is not REFERENCE
 
 
 def add_energy(values: NDArray[Any], total: float) -> float:

@@ -13,7 +13,7 @@ import torch
 from ..gradient import BLACK, BORDERS, channel_weights, last_of_equals
 from ..orientation import VLFEAT_LEAST, beginnings, opencv_table, vanishing, vote_directions, vote_rule
 from ..spec import HOGSpec
-from ..taps import PixelCells, pixel_cells
+from ..steps import PixelCells, pixel_cells
 
 PIXEL_CODES = {torch.uint8: 0, torch.float32: 1, torch.float64: 2}
 MIRROR, REPEAT, CONSTANT = range(3)

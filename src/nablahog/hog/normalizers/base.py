@@ -6,8 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from ..checks import check_fields
-from ..kinds import register
+from ..checks import check_fields, register
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -18,7 +18,7 @@ from torch import Tensor
 from ..gradient import BORDERS, channel_weights, last_of_equals
 from ..orientation import beginnings, opencv_table, vote_directions, vote_rule
 from ..spec import HOGSpec
-from ..taps import PixelCells, pixel_cells
+from ..steps import PixelCells, pixel_cells
 
 _MOST_REGISTERS = 160  # of a thread, for sums
 _COLUMNS = (8, 6, 4, 3, 2, 1)  # that a lane may read at a time

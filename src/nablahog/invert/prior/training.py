@@ -17,7 +17,7 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim.lr_scheduler import OneCycleLR
 
 from ...hog.checks import check_choice
-from ...hog.dialects import as_spec
+from ...hog.inputs import as_spec
 from ...hog.spec import HOGSpec
 from ...io.files import replacing
 from ...io.input_file import input_file
