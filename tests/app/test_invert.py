@@ -90,16 +90,17 @@ def test_refused_before_it_begins(client: TestClient) -> None:
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
-    from nablahog.app.store import photograph
+    from nablahog.app.store import photograph, requested_descriptor
 
     store, cancel, seen = Store(b""), CancelToken(), threading.Event()
     key = photograph(photo_file, "p.png", {}, store)["id"]
+    request = InvertMessage(photo=key, prior="none")
 
-    def send(name: str, data: dict[str, Any]) -> None:
-        if name == "frame":
+    def send(event: Event) -> None:
+        if event[0] == "frame":
             seen.set()
             cancel.cancel()
 
     with pytest.raises(Cancelled):
-        invert(InvertMessage(photo=key, prior="none"), store, send, cancel)
+        invert(request, requested_descriptor(request, store), store, send, cancel)
     assert seen.is_set()

@@ -26,7 +26,7 @@ from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
 from .chart import AZIMUTHS, SimilarityChart
 from .lines import FitFiles, for_pose
-from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_base64, as_request_error, glyphs, png
+from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_request_error, glyphs, png
 from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -88,7 +88,7 @@ class Fitting:
             "type": "ready",
             "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
             "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
-            "image": as_base64(png(crop.image[0])),
+            "image": png(crop.image[0]),
         }
 
     def view(self, turn: Turn) -> dict[str, Any]:
@@ -108,7 +108,7 @@ class Fitting:
             "pose": _round(poses[0]),
             "similarity": float(values[0]),
             "derivative": _round(derivatives[0]),
-            "image": as_base64(png(own, opacity)),
+            "image": png(own, opacity),
             "glyphs": glyphs(describe(white[None, None], SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
             "chart": self.chart.draw(),
             "milliseconds": round(1000 * (time.perf_counter() - began), 2),
@@ -186,7 +186,7 @@ class Fitting:
             "pose": _round(estimate.crop_pose),
             "similarity": float(self.similarity.values(estimate.crop_pose[None])),
             "result": self.figures(estimate, request),
-            "overlay": as_base64(png(self._overlay(estimate))),
+            "overlay": png(self._overlay(estimate)),
             "warning": warning(estimate),
             "lines": for_pose(self._whole(request), files),
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
@@ -20,66 +20,63 @@ from ..invert.reconstruction import make_first_iterate
 from ..invert.starts import starting_images
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
+from ..requests.sources import Source
 from .lines import for_inversion
-from .messages import INVERT_SIZE, InvertMessage, RequestError, as_base64, as_request_error, png
-from .store import DescriptorEntry, Photograph, Store, requested_descriptor
+from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, png
+from .store import DescriptorEntry, Photograph, Store
 from .work_queue import CancelToken
 
 PAUSE = 0.07  # seconds between frames, at least
 FIRST = 20  # evaluations before the first frame of a signed descriptor
 POINTS = 200  # on the curve of distances
-Send = Callable[[str, dict[str, Any]], None]
+Event: TypeAlias = tuple[str, dict[str, Any]]
 
 
-def invert(request: InvertMessage, store: Store, send: Send, cancel: CancelToken) -> None:
+def invert(
+    request: InvertMessage, entry: DescriptorEntry, store: Store, send: Callable[[Event], None], cancel: CancelToken
+) -> None:
     """Searches the image, sends the events ``start``, ``frame`` and ``done``, and puts the result into the store."""
-    entry = requested_descriptor(request, store)
     source = entry.source
     height, width = source.image_size
     if max(height, width) > INVERT_SIZE:
         raise RequestError(413, f"expected an image of at most {INVERT_SIZE} pixels a side, got {height}x{width}")
-    reference = None if source.photo is None else gray(source.photo[None])[0, 0]
+    reference = source.gray_photo
     watch = _Watch(request, source.spec, reference, send, cancel)
-    send(
-        "start",
-        {
-            "image_size": [height, width],
-            "most": watch.most,
-            "photograph": None if reference is None else as_base64(png(reference)),
-        },
-    )
+    start = {
+        "image_size": [height, width],
+        "most": watch.most,
+        "photograph": None if reference is None else png(reference),
+    }
+    send(("start", start))
     with as_request_error():
-        if entry.template:
-            result = reconstruct_template(
-                source.descriptor[None], source.spec, source.image_size, seed=request.seed, progress=watch.progress
-            )
-        else:
-            result = _searched(request, store, source.descriptor[None], source.spec, source.image_size, watch)
+        result = (_search_template if entry.template else _search)(request, source, store, watch)
     image = result.image[0, 0]
     polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[0]), 4)
     preimage = Photograph(f"pre-image of {source.name}", image[None])
-    send(
-        "done",
-        {
-            "image": as_base64(png(image)),
-            "id": store.add(preimage, image.numpy().tobytes()),
-            **{name.lower(): value for name, value in _measures(image, reference).items()},
-            "distance": float(result.distance[0]),
-            "polarity": polarity,
-            "negative": as_base64(png(1 - image)) if polarity is not None and polarity < SURE_POLARITY else None,
-            "evaluations": int(result.evaluations[0]),
-            "stop_reason": str(result.stop_reason[0]),
-            "seconds": round(result.seconds, 3),
-            "history": _thin_out(result.history[:, 0]),
-            "lines": _lines(request, entry),
-            "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
-        },
-    )
+    done = {
+        "image": png(image),
+        "id": store.add(preimage, image.numpy().tobytes()),
+        **{name.lower(): value for name, value in _measures(image, reference).items()},
+        "distance": float(result.distance[0]),
+        "polarity": polarity,
+        "negative": png(1 - image) if polarity is not None and polarity < SURE_POLARITY else None,
+        "evaluations": int(result.evaluations[0]),
+        "stop_reason": str(result.stop_reason[0]),
+        "seconds": round(result.seconds, 3),
+        "history": _thin_out(result.history[:, 0]),
+        "lines": _lines(request, entry),
+        "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
+    }
+    send(("done", done))
 
 
-def _searched(
-    request: InvertMessage, store: Store, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], watch: _Watch
-) -> Reconstruction:
+def _search_template(request: InvertMessage, source: Source, _: Store, watch: _Watch) -> Reconstruction:
+    descriptor, spec, size = source.descriptor[None], source.spec, source.image_size
+    return reconstruct_template(descriptor, spec, size, seed=request.seed, progress=watch.progress)
+
+
+def _search(request: InvertMessage, source: Source, store: Store, watch: _Watch) -> Reconstruction:
+    descriptor, spec, size = source.descriptor[None], source.spec, source.image_size
     start = None if request.start is None else _start(store, request.start, size)
     if start is None and linear_vote_spec(spec).signed:
         watch(make_first_iterate(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
@@ -121,7 +118,12 @@ class _Watch:
     """
 
     def __init__(
-        self, request: InvertMessage, spec: HOGSpec, reference: Tensor | None, send: Send, cancel: CancelToken
+        self,
+        request: InvertMessage,
+        spec: HOGSpec,
+        reference: Tensor | None,
+        send: Callable[[Event], None],
+        cancel: CancelToken,
     ) -> None:
         self.reference, self.send, self.cancel = reference, send, cancel
         effort = find_quality(request.quality)
@@ -136,17 +138,15 @@ class _Watch:
             return
         image = iterate.image[0, 0]
         figures = _measures(image, self.reference, ("CC", "SSIM"))
-        self.send(
-            "frame",
-            {
-                "evaluations": int(iterate.evaluations[0]),
-                "most": self.most,
-                "distance": float(iterate.distance[0]),
-                "cc": figures["CC"],
-                "ssim": figures["SSIM"],
-                "image": as_base64(png(image)),
-            },
-        )
+        frame = {
+            "evaluations": int(iterate.evaluations[0]),
+            "most": self.most,
+            "distance": float(iterate.distance[0]),
+            "cc": figures["CC"],
+            "ssim": figures["SSIM"],
+            "image": png(image),
+        }
+        self.send(("frame", frame))
         self._sent = time.monotonic()
 
     def progress(self, done: int, most: int) -> None:

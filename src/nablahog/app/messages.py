@@ -235,7 +235,7 @@ def _bounded(hint: Any, least: float | None = None, most: float | None = None, *
     return hint
 
 
-def png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes:
+def encode_png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes:
     """A picture in 0…1, with its opacity (H, W) if it is gray, or an image, as a PNG file."""
     file, image = io.BytesIO(), picture if isinstance(picture, Image.Image) else to_pil(picture)
     if opacity is not None:
@@ -244,9 +244,9 @@ def png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes
     return file.getvalue()
 
 
-def as_base64(data: bytes) -> str:
-    """Bytes as base64."""
-    return base64.b64encode(data).decode("ascii")
+def png(picture: Picture | Image.Image, opacity: Picture | None = None) -> str:
+    """The same in base64, for JSON."""
+    return base64.b64encode(encode_png(picture, opacity)).decode("ascii")
 
 
 def glyphs(descriptor: Tensor, spec: HOGSpec, side: int) -> dict[str, Any]:
@@ -259,5 +259,5 @@ def glyphs(descriptor: Tensor, spec: HOGSpec, side: int) -> dict[str, Any]:
         "rows": image.height // pixels,
         "cols": image.width // cell_width(spec, pixels),
         "cell": list(spec.cell_size),
-        "image": as_base64(png(image)),
+        "image": png(image),
     }

@@ -9,6 +9,7 @@ import secrets
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -27,7 +28,7 @@ from .about import about
 from .access import AccessMiddleware, AccessRules
 from .fit import Fitting
 from .invert import invert
-from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decode, png
+from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decode, encode_png
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -74,17 +75,10 @@ class Server:
 
     def routes(self) -> list[Route | WebSocketRoute]:
         paths = [*sorted(STATIC.iterdir()), *(TEMPLATES / name for name in SHARED)]
-        files = {path.name: (path.read_bytes(), TYPES[path.suffix]) for path in paths}
-
-        async def page(_: Request) -> Response:
-            return _file(files, "index.html")
-
-        async def static(request: Request) -> Response:
-            return _file(files, request.path_params["name"])
-
+        files = {path.name: Response(path.read_bytes(), media_type=TYPES[path.suffix]) for path in paths}
         return [
-            Route("/", page),
-            Route("/static/{name}", static),
+            Route("/", files["index.html"], methods=["GET"]),
+            *(Route(f"/static/{name}", file, methods=["GET"]) for name, file in files.items()),
             Route("/api/about", _answering(self._what_there_is)),
             Route("/api/photos", self._upload("photo", store.photograph), methods=["POST"]),
             Route("/api/photos/{id}", _answering(self._photograph)),
@@ -121,7 +115,7 @@ class Server:
 
     async def _photograph(self, request: Request) -> Response:
         photograph, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
-        picture = await self.quick.run(lambda _: png(photograph.shrunk(max(8, min(size, SEE_SIZE)))))
+        picture = await self.quick.run(lambda _: encode_png(photograph.shrunk(max(8, min(size, SEE_SIZE)))))
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
@@ -150,18 +144,16 @@ class Server:
 
     async def _invert(self, request: Request) -> Response:
         asked = decode(await request.body(), InvertMessage)
-        store.requested_descriptor(asked, self.store)  # a refusal here has an HTTP status
-        return StreamingResponse(self._frames(asked), media_type="text/event-stream")
+        # a refusal here has an HTTP status
+        entry = await self.quick.run(lambda _: store.requested_descriptor(asked, self.store))
+        return StreamingResponse(self._frames(asked, entry), media_type="text/event-stream")
 
-    async def _frames(self, asked: InvertMessage) -> AsyncIterator[bytes]:
+    async def _frames(self, asked: InvertMessage, entry: DescriptorEntry) -> AsyncIterator[bytes]:
         """The events of an inversion; when the page goes, this is closed, and the search ends."""
-
-        def searched(send: Callable[[tuple[str, dict[str, Any]]], None], cancel: CancelToken) -> None:
-            invert(asked, self.store, lambda name, data: send((name, data)), cancel)
-
+        search = partial(invert, asked, entry, self.store)
         yield _event("queued", {"waiting": self.long.count})
         try:
-            async with aclosing(self.long.stream(searched, lambda event: event[0] == "frame")) as events:
+            async with aclosing(self.long.stream(search, lambda event: event[0] == "frame")) as events:
                 async for event in events:
                     yield _event(*event)
         except Cancelled:
@@ -232,13 +224,6 @@ def _answering(handler: Handler) -> Handler:
 async def _no_such_address(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     return JSONResponse({"error": error.detail.lower()}, error.status_code)
-
-
-def _file(files: dict[str, tuple[bytes, str]], name: str) -> Response:
-    if name not in files:
-        return JSONResponse({"error": "there is no such file"}, 404)
-    data, kind = files[name]
-    return Response(data, media_type=kind)
 
 
 def _event(name: str, data: dict[str, Any]) -> bytes:

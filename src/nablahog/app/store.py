@@ -29,7 +29,7 @@ from ..requests.arrays import read_stored
 from ..requests.dialect import as_text
 from ..requests.inversion import GlyphRequest
 from ..requests.options import SIZE
-from ..requests.sources import Source, from_photo
+from ..requests.sources import Source, from_photo, from_stored
 from ..requests.templates import read_templates
 from . import lines
 from .lines import Reading
@@ -228,7 +228,11 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
             image_size=SIZE.read(query["image_size"]) if query.get("image_size") else None,
             key=query.get("key") or None,
         )
-        sources = _sources(file, asked, template)
+        if template:
+            sources = read_templates(file, asked)
+        else:
+            stored = read_stored(file, asked) if is_raw(file) else load_descriptor(file)
+            sources = [from_stored(file.name, "", stored)]
         readings = _readings(file, sources, asked, template)
     parts = []
     for source, reading in zip(sources, readings, strict=True):
@@ -237,7 +241,7 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
             raise RequestError(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
         content = source.name, source.spec.to_json(), str((source.image_size, template))
         key = store.add(DescriptorEntry(source, template, reading), data, *map(str.encode, content))
-        parts.append({"id": key, "name": source.name})
+        parts.append({"id": key, "name": source.part or source.name})
     first = sources[0]
     return {
         "id": parts[0]["id"],
@@ -248,18 +252,6 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
         "preset": first.spec.name,
         "image_size": list(first.image_size),
     }
-
-
-def _sources(file: InputFile, request: GlyphRequest, template: bool) -> list[Source]:
-    if template:
-        return [
-            Source(
-                template.part or file.name, "template", template.descriptor, template.spec, template.image_size, None
-            )
-            for template in read_templates(file, request)
-        ]
-    stored = read_stored(file, request) if is_raw(file) else load_descriptor(file)
-    return [Source(file.name, "descriptor", stored.descriptor.float(), stored.spec, stored.image_size, None)]
 
 
 def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, template: bool) -> list[Reading]:
