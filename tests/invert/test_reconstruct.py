@@ -21,9 +21,9 @@ from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Iterate, Objective, Search
 from nablahog.invert.arguments import find_quality
 from nablahog.invert.histograms import recover_histograms
-from nablahog.invert.preimage import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.prior.terms import GrayRange
 from nablahog.invert.reconstruction import find_negatives, negate
+from nablahog.invert.search import LEAST_EVALUATIONS, SHARE_OF_SAMPLES
 from nablahog.invert.starts import match_contrast
 from nablahog.invert.unknowns import low_pass
 from nablahog.metrics import cross_correlation

@@ -16,7 +16,7 @@ from ..hog.spec import HOGSpec
 from ..invert import Iterate, Reconstruction, reconstruct
 from ..invert.arguments import find_quality
 from ..invert.histograms import linear_vote_spec, recover_histograms
-from ..invert.reconstruction import make_first_iterate
+from ..invert.reconstruction import SearchRecord
 from ..invert.starts import starting_images
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
@@ -79,7 +79,7 @@ def _search(request: InvertMessage, source: Source, store: Store, watch: _Watch)
     descriptor, spec, size = source.descriptor[None], source.spec, source.image_size
     start = None if request.start is None else _start(store, request.start, size)
     if start is None and linear_vote_spec(spec).signed:
-        watch(make_first_iterate(_integral(descriptor, spec, size), descriptor, spec, slice(None)))
+        SearchRecord(descriptor, spec, watch, slice(None)).show_first(_integral(descriptor, spec, size))
     try:
         prior = request.priors_for(spec)
     except FileNotFoundError:  # the package was installed without its priors, as the page says
@@ -99,8 +99,8 @@ def _lines(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """A rough image that the votes integrate to, shown while the search prepares."""
-    votes = recover_histograms(descriptor, linear_vote_spec(spec), size, max_evaluations=FIRST)
-    return starting_images(votes, linear_vote_spec(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
+    histograms = recover_histograms(descriptor, linear_vote_spec(spec), size, max_evaluations=FIRST)
+    return starting_images(histograms, linear_vote_spec(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
 
 
 def _start(store: Store, key: str, size: tuple[int, int]) -> Tensor:

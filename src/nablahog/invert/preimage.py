@@ -15,7 +15,6 @@ from torch import Tensor
 
 from ..hog.descriptor import hog
 from ..hog.inputs import ArrayImage, Descriptors, as_spec
-from ..hog.presets import uoctti
 from ..hog.spec import HOGSpec
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
@@ -30,7 +29,8 @@ from .arguments import (
 )
 from .choices import InversionMethod, QualityName
 from .histograms import linear_vote_spec, recover_histograms
-from .prior.learned import LearnedPrior, PriorChoice, Priors, as_priors
+from .prior.learned import PriorChoice, Priors, as_priors
+from .prior.signed_network import INPUT_SPEC
 from .prior.terms import GrayRange, Prior, RelativeSmoothness
 from .published import reconstruct_as_published
 from .reconstruction import (
@@ -39,22 +39,14 @@ from .reconstruction import (
     build_reconstruction,
     convert_like,
     find_negatives,
-    make_first_iterate,
     negate,
     split_batch,
     to_unit_range,
 )
 from .search import PreimageSearch
-from .starts import START_NOISE, match_contrast, pair_noise, start_near, starting_images
-from .unknowns import low_pass
+from .starts import match_contrast, start_near, starting_images
 
-SHARE_OF_SAMPLES = 0.7  # of the evaluations; the others match the descriptor itself
-LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
 RANGE_WEIGHT = 100.0  # of the mean squared excess of gray values over 0…1
-# standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
-SAMPLE_SPREAD = 0.3
-SPREAD_EVALUATIONS = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
-AGREEMENT_SIGMA = 0.9  # pixels: the samples agree on coarser structures only
 CLOSENESS = 1.0  # λ by default
 UNSIGNED_CLOSENESS = 0.1  # λ for the image expected for an unsigned descriptor, before details
 PRIOR_CLOSENESS = 3.0  # λ of a learned prior for signed descriptors, chosen on photographs held out of its training
@@ -201,27 +193,19 @@ def search_preimages(
     spec = linear_vote_spec(dialect)
     draws = expected is None and learned is None and (spec.signed or start is not None)
     settings = _choose_settings(spec, quality, seed, search, objective, draws, learned)
-    on_histograms = find_quality(quality).on_histograms
     vectors = SEARCH_VECTORS + GRAPH_VECTORS * (search.minimiser == "dogleg" and targets.device.type != "cpu")
     bytes_per_image = settings.samples * vectors * size[0] * size[1] * targets.element_size()
     at_once = max(1, memory_for(targets.device, BATCH_MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
     searches, images, confidences = [], [], []
     for part, report in split_batch(len(targets), at_once, progress):
-        part_priors = [prior.select(part) for prior in settings.priors]
-        budget = settings.max_evaluations
-        image_search = PreimageSearch(
-            targets[part], dialect, size, part_priors, search.minimiser, budget, report, watch, part
+        priors, budget = [prior.select(part) for prior in settings.priors], settings.max_evaluations
+        searches.append(
+            PreimageSearch(targets[part], dialect, size, priors, search.minimiser, budget, report, watch, part)
         )
-        searches.append(image_search)
         part_start, part_expected = (None if batch is None else batch[part] for batch in (start, expected))
-        histograms = recover_histograms(targets[part], spec, size, max_evaluations=on_histograms)
-        if learned is not None and part_expected is None:
-            part_expected = learned.prior.expected(targets[part], dialect, size, histograms)
-            if watch is not None:
-                watch(make_first_iterate(part_expected, targets[part], dialect, part))
-        images.append(to_unit_range(_preimages(image_search, histograms, part_start, part_expected, settings), spec))
-        if learned is not None and not spec.signed:
-            confidences.append(learned.prior.polarity_confidence(images[-1], targets[part], dialect, histograms))
+        image, confidence = _search_part(searches[-1], part_start, part_expected, settings)
+        images.append(image)
+        confidences += [] if confidence is None else [confidence]
     image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
     if fix_polarity and not spec.signed:
         negative, confidence = find_negatives(image, confidence)
@@ -236,11 +220,12 @@ class _SearchSettings(NamedTuple):
 
     seed: int
     max_evaluations: int
+    on_histograms: int
     samples: int
     closeness: float
     closeness_to_details: float
     priors: tuple[Prior, ...]
-    details: LearnedPrior | None
+    learned: Priors | None
 
 
 def _choose_settings(
@@ -263,45 +248,34 @@ def _choose_settings(
     smoothness = (RelativeSmoothness(objective.smoothness),) if objective.smoothness else ()
     gray_values = (GrayRange(RANGE_WEIGHT),) if spec.normalizer.fixes_contrast else ()
     priors = (*smoothness, *gray_values, *objective.priors)
-    return _SearchSettings(seed, most, samples, closeness, to_details, priors, learned and learned.details)
+    return _SearchSettings(seed, most, effort.on_histograms, samples, closeness, to_details, priors, learned)
 
 
-def _preimages(
-    search: PreimageSearch, histograms: Tensor, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
-) -> Tensor:
-    """Images (B, 1, H, W) that have the descriptors, of any contrast, from the ``histograms``."""
-    spec, details = search.spec, settings.details
+def _search_part(
+    search: PreimageSearch, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
+) -> tuple[Tensor, Tensor | None]:
+    """Images (B, 1, H, W) in 0…1 that have the descriptors, and the confidence (B,) in their polarity, if known."""
+    spec, size, descriptor, learned = search.spec, search.size, search.descriptor, settings.learned
+    histograms = recover_histograms(descriptor, spec, size, max_evaluations=settings.on_histograms)
+    if learned is not None and expected is None:
+        expected = learned.prior.expected(descriptor, search.dialect, size, histograms)
+        search.show_first(expected)
     if expected is None and start is None and not spec.signed:
-        expected = starting_images(histograms, spec, *search.size, 1, settings.seed)[:, 0]
+        expected = starting_images(histograms, spec, *size, 1, settings.seed)[:, 0]
     if expected is None:
-        start, expected = _average_samples(search, histograms, start, settings)
+        start, expected = search.average_samples(histograms, start, settings.samples, settings.seed)
     else:
         start, expected = start_near(histograms, spec, start, expected, settings.seed)
-    if details is None:
-        return search.match_descriptor(start, expected, settings.closeness)
-    budget = max(1, round(SHARE_BEFORE_DETAILS * search.remaining_evaluations()))
-    image = search.match_descriptor(start, expected, settings.closeness, budget)
-    directed = replace(uoctti(spec.cell_size), partial_cells=spec.partial_cells)
-    signed = hog(to_unit_range(image, directed), directed)
-    expected = match_contrast(details.expected(signed, directed, search.size), histograms, spec)
-    return search.match_descriptor(expected, expected, settings.closeness_to_details)
-
-
-def _average_samples(
-    search: PreimageSearch, histograms: Tensor, start: Tensor | None, settings: _SearchSettings
-) -> tuple[Tensor, Tensor | None]:
-    """Start and expected image: the mean of samples with the ``histograms``; a single one is only a start."""
-    spec, size = search.spec, search.size
-    evaluations = max(1, min(search.max_evaluations - 1, round(SHARE_OF_SAMPLES * search.max_evaluations)))
-    count = max(1, min(settings.samples, evaluations // LEAST_EVALUATIONS))
-    spread = START_NOISE if count == 1 else SAMPLE_SPREAD * min(1, evaluations // count / SPREAD_EVALUATIONS)
-    if start is None:
-        starts = starting_images(histograms, spec, *size, count, settings.seed, spread)
+    if learned is None or learned.details is None:
+        image = search.match_descriptor(start, expected, settings.closeness)
     else:
-        grain = pair_noise(histograms, *size, count, settings.seed, spread)
-        starts = match_contrast(start, histograms, spec).unsqueeze(1) + grain
-    mean = search.match(starts, histograms, evaluations // count).mean(dim=1)
-    if count == 1:
-        return mean, None
-    mean = low_pass(mean, AGREEMENT_SIGMA)
-    return mean, mean
+        budget = max(1, round(SHARE_BEFORE_DETAILS * search.remaining_evaluations()))
+        image = search.match_descriptor(start, expected, settings.closeness, budget)
+        directed = replace(INPUT_SPEC, cell_size=spec.cell_size, partial_cells=spec.partial_cells)
+        directed_descriptor = hog(to_unit_range(image, directed), directed)
+        expected = match_contrast(learned.details.expected(directed_descriptor, directed, size), histograms, spec)
+        image = search.match_descriptor(expected, expected, settings.closeness_to_details)
+    image = to_unit_range(image, spec)
+    if learned is None or spec.signed:
+        return image, None
+    return image, learned.prior.polarity_confidence(image, descriptor, search.dialect, histograms)

@@ -204,16 +204,6 @@ class Iterate:
         return to_gray_values(self.candidates.mean(dim=1), self.spec)
 
 
-def make_first_iterate(images: Tensor, descriptor: Tensor, spec: HOGSpec, part: slice) -> Iterate:
-    """The state before the search of a part of a batch: images (b, 1, H, W) and their distance.
-
-    The images are square roots if the dialect describes these.
-    """
-    none = torch.zeros(len(images), dtype=torch.long, device=images.device)
-    distance = relative_distance(to_gray_values(images, spec), descriptor, spec)
-    return Iterate(part, none, distance, images.unsqueeze(1), spec)
-
-
 Watch: TypeAlias = Callable[[Iterate], None]
 """Called after each round of evaluations; an exception that it raises ends the search."""
 
@@ -226,6 +216,12 @@ class SearchRecord:
         self.evaluations = torch.zeros(len(descriptor), dtype=torch.long, device=descriptor.device)
         self.history = History(len(descriptor))
         self.stop_reason: list[StopReason] = []
+
+    def show_first(self, images: Tensor) -> None:
+        """Shows images (B, 1, H, W) before the search; square roots if the dialect describes these."""
+        if self.watch is not None:
+            distance = relative_distance(to_gray_values(images, self.dialect), self.descriptor, self.dialect)
+            self.show(distance, images.unsqueeze(1))
 
     def show(self, distance: Tensor, candidates: Tensor) -> None:
         if self.watch is not None:

@@ -15,17 +15,12 @@ from ..runtime.pytorch import memory_for
 from .histograms import linear_vote_spec
 from .prior.terms import Prior
 from .reconstruction import SearchRecord, Watch, squared_norm
-from .unknowns import CosineBasis, FlatRegions
+from .starts import START_NOISE, match_contrast, pair_noise, starting_images
+from .unknowns import CosineBasis, FlatRegions, low_pass
 
 MAX_VOTES = 8_000_000  # of the images evaluated together on a CPU: a balance of memory and the overhead of calls
 VOTE_COPIES = 8  # of all votes that the plain steps and their derivative hold at once, about
 VOTE_MEMORY_SHARE = 0.25  # of a GPU's free memory for votes; the minimiser's vectors need most of it
-
-
-def votes_at_once(like: Tensor) -> int:
-    """How many votes of images may be held together, by dtype and device of ``like``."""
-    bytes_per_vote = VOTE_COPIES * like.element_size()
-    return max(1, memory_for(like.device, MAX_VOTES * bytes_per_vote, VOTE_MEMORY_SHARE) // bytes_per_vote)
 
 
 class PreimageObjective:
@@ -70,7 +65,9 @@ class PreimageObjective:
         self.images = descriptor.new_zeros(len(descriptor), 1, *flat.regions.shape[1:]) if keep_images else None
         self.descriptor_size = squared_norm(descriptor)
         self.compared_size = self.descriptor_size if histograms is None else squared_norm(histograms)
-        self.votes_at_once = votes_at_once(descriptor)
+        bytes_per_vote = VOTE_COPIES * descriptor.element_size()
+        memory = memory_for(descriptor.device, MAX_VOTES * bytes_per_vote, VOTE_MEMORY_SHARE)
+        self.votes_at_once = max(1, memory // bytes_per_vote)
         self.expected = expected
         if expected is not None:
             size = (expected - expected.mean(dim=(2, 3), keepdim=True)).square().sum(dim=(1, 2, 3))
@@ -149,6 +146,12 @@ class PreimageObjective:
 
 CALLS_BETWEEN_REPORTS = 10  # of progress on a GPU, which waits for each report
 BASIS_EXPONENT = 0.75  # of the cosine basis: 1 converges first at large scales, 0.5 at small ones
+SHARE_OF_SAMPLES = 0.7  # of the evaluations; the others match the descriptor itself
+LEAST_EVALUATIONS = 28  # of a sample: with a smaller budget fewer samples are drawn
+# standard deviation of the samples' initial noise: they differ in all that the descriptor leaves open
+SAMPLE_SPREAD = 0.3
+SPREAD_EVALUATIONS = 90  # evaluations in which a sample loses this noise; with fewer it begins with less noise
+AGREEMENT_SIGMA = 0.9  # pixels: the samples agree on coarser structures only
 
 
 class PreimageSearch(SearchRecord):
@@ -225,6 +228,24 @@ class PreimageSearch(SearchRecord):
         self.evaluations = before + minimum.evaluations.view(batch, count).sum(dim=1)
         index = torch.arange(batch * count, device=starts.device)
         return objective.image(minimum.x, index).view(starts.shape)
+
+    def average_samples(
+        self, histograms: Tensor, start: Tensor | None, samples: int, seed: int
+    ) -> tuple[Tensor, Tensor | None]:
+        """Start and expected image: the mean of samples with the ``histograms``; a single one is only a start."""
+        evaluations = max(1, min(self.max_evaluations - 1, round(SHARE_OF_SAMPLES * self.max_evaluations)))
+        count = max(1, min(samples, evaluations // LEAST_EVALUATIONS))
+        spread = START_NOISE if count == 1 else SAMPLE_SPREAD * min(1, evaluations // count / SPREAD_EVALUATIONS)
+        if start is None:
+            starts = starting_images(histograms, self.spec, *self.size, count, seed, spread)
+        else:
+            grain = pair_noise(histograms, *self.size, count, seed, spread)
+            starts = match_contrast(start, histograms, self.spec).unsqueeze(1) + grain
+        mean = self.match(starts, histograms, evaluations // count).mean(dim=1)
+        if count == 1:
+            return mean, None
+        mean = low_pass(mean, AGREEMENT_SIGMA)
+        return mean, mean
 
     def match_descriptor(
         self, start: Tensor, expected: Tensor | None, closeness: float, budget: int | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
@@ -14,9 +14,9 @@ from torch import Tensor
 
 from ...hog.inputs import as_spec
 from ...hog.spec import HOGSpec
-from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
+from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers, load_once
 from ..arguments import check_descriptor
-from ..histograms import linear_vote_spec
+from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
 from .provenance import NetworkLearning
@@ -102,7 +102,7 @@ class LearnedPrior(LearnedModel):
 
     @torch.no_grad()
     def expected(
-        self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int], votes: Tensor | None = None
+        self, descriptor: Tensor, spec: HOGSpec | str, image_size: tuple[int, int], histograms: Tensor | None = None
     ) -> Tensor:
         """The images of the network, (B, 1, H, W) around 0.5, at the contrast of the histograms.
 
@@ -113,19 +113,16 @@ class LearnedPrior(LearnedModel):
             descriptor: (B, rows, cols, channels), float32 or float64, on any device.
             spec: its dialect, or the name of a preset with its defaults; signed if the prior's is, else unsigned.
             image_size: (height, width).
-            votes: what :func:`.histograms.recover_histograms` recovers of it, if that is there already.
+            histograms: those that :func:`.histograms.recover_histograms` recovers of it, if they are there already.
 
         Raises:
             TypeError: the descriptor is no float32 or float64 tensor.
             ValueError: the prior is not for ``spec``, or the descriptor's shape contradicts it, or it holds NaN or Inf.
         """
-        spec = as_spec(spec)
-        network = self._network_for(descriptor, spec, image_size)
-        given = None if votes is None else votes.float()
-        images, histograms = network.predict(descriptor.float(), spec, image_size, given)
-        images = match_contrast(images, histograms, linear_vote_spec(spec))
-        if spec.signed:
-            images = _add_integral(images, histograms, linear_vote_spec(spec))
+        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), image_size, histograms)
+        images = match_contrast(network.predict(histograms, linear_spec, image_size), histograms, linear_spec)
+        if as_spec(spec).signed:
+            images = _add_integral(images, histograms, linear_spec)
         return images.to(descriptor.dtype)
 
     @torch.no_grad()
@@ -140,17 +137,16 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
         """
-        spec = as_spec(spec)
-        network = self._network_for(descriptor, spec, image_size)
+        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws, histograms = network.draw(descriptor.float(), spec, image_size, count, seed)
-        images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_vote_spec(spec))
+        draws = network.draw(histograms, linear_spec, image_size, count, seed)
+        images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_spec)
         return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
 
     @torch.no_grad()
     def polarity_confidence(
-        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, votes: Tensor | None = None
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
     ) -> Tensor:
         """The probability that images with unsigned descriptors are not negatives.
 
@@ -158,7 +154,7 @@ class LearnedPrior(LearnedModel):
             images: (B, 1, H, W), of any contrast.
             descriptor: (B, rows, cols, channels), theirs, float32 or float64.
             spec: its dialect, or the name of a preset with its defaults.
-            votes: as for :meth:`expected`.
+            histograms: as for :meth:`expected`.
 
         Returns:
             (B,) in 0…1; an image and its negative sum to 1.  1 for signed descriptors, which determine the polarity.
@@ -166,18 +162,22 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`.
         """
-        spec = as_spec(spec)
-        network = self._network_for(descriptor, spec, (images.shape[2], images.shape[3]))
+        size = (images.shape[2], images.shape[3])
+        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), size, histograms)
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
-        given = None if votes is None else votes.float()
-        return network.polarity_confidence(images.float(), descriptor.float(), spec, given).to(descriptor.dtype)
+        return network.polarity_confidence(images.float(), histograms, linear_spec).to(descriptor.dtype)
 
-    def _network_for(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> PriorNetwork:
-        """The network on the descriptor's device, after checking descriptor, dialect and image size."""
+    def _prepare(
+        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
+    ) -> tuple[PriorNetwork, HOGSpec, Tensor]:
+        """The network on the descriptor's device, its linear spec, and the recovered histograms, after all checks."""
         self.check(spec)
         check_descriptor(descriptor, spec, size)
-        return self._network.to(descriptor.device)
+        linear_spec = linear_vote_spec(spec)
+        if histograms is None:
+            histograms = recover_histograms(descriptor.float(), linear_spec, size)
+        return self._network.to(descriptor.device), linear_spec, histograms.float()
 
     @cached_property
     def _network(self) -> PriorNetwork:
@@ -268,14 +268,13 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
 def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
     """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details."""
     prior = default_prior(spec)
-    return [prior] if prior.signed else [prior, default_prior("uoctti")]
+    return [prior] if prior.signed else [prior, _load(PRIOR_FOLDER / "signed.npz")]
 
 
-@lru_cache(maxsize=2)
 def _load(file: Path) -> LearnedPrior:
     if not file.exists():
         raise FileNotFoundError(
             f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
             "that has it, learn one (nablahog learn prior), or do without (prior=None, --prior none)"
         )
-    return LearnedPrior.load(file)
+    return load_once(LearnedPrior, file)

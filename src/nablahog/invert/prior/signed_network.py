@@ -22,7 +22,7 @@ from torch.nn.functional import avg_pool2d, gelu, interpolate, pad, pixel_shuffl
 from ...hog import presets
 from ...hog.spec import HOGSpec
 from ...hog.steps import normalize_reference
-from ..histograms import linear_vote_spec, rebin_cells, recover_histograms, set_nominal_contrast
+from ..histograms import rebin_cells, set_nominal_contrast
 from ..starts import integrate, mean_gradient
 
 CHANNEL_MOMENTUM = 0.02  # of the running means and variances of channels
@@ -90,25 +90,11 @@ class PriorNetwork(nn.Module, ABC):
     def mirror(histograms: Tensor) -> Tensor:
         """The network's histograms of the images flipped from left to right."""
 
-    @classmethod
-    def recover(
-        cls, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
-        """Histograms recovered from descriptors (B, rows, cols, channels), and the same in the network's bins.
-
-        ``histograms``: the former, if they are there already.
-        """
-        spec = linear_vote_spec(spec)
-        histograms = recover_histograms(descriptor, spec, size) if histograms is None else histograms
-        return histograms, cls.rebin(histograms, spec, size)
-
     @abstractmethod
-    def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
-        """Images (B, 1, H, W) of any contrast, and the histograms recovered from the descriptors, in float32.
+    def predict(self, histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
+        """Images (B, 1, H, W) of any contrast for histograms (B, colours · bins, rows, cols), float32.
 
-        ``histograms``: those, if they are there already.
+        ``spec`` is one of :func:`.histograms.linear_vote_spec`.
         """
 
 
@@ -212,13 +198,11 @@ class SignedNetwork(PriorNetwork):
         """θ becomes π - θ."""
         return histograms[:, [(SIGNED_BINS // 2 - k) % SIGNED_BINS for k in range(SIGNED_BINS)]].flip(3)
 
-    def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def predict(self, histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """The mean of the predictions for the image and for its mirror image."""
-        histograms, cells = self.recover(descriptor, spec, size, histograms)
+        cells = self.rebin(histograms, spec, size)
         images = (self._image(cells) + self._image(self.mirror(cells)).flip(3)) / 2
-        return _resize(images, spec.cell_size, size), histograms
+        return _resize(images, spec.cell_size, size)
 
     def _image(self, histograms: Tensor) -> Tensor:
         inputs = network_inputs(histograms)

@@ -17,7 +17,7 @@ from torch.nn.functional import affine_grid, avg_pool2d, grid_sample, interpolat
 from ...hog import presets
 from ...hog.descriptor import histograms, hog
 from ...hog.spec import HOGSpec
-from ..histograms import recover_histograms
+from ..histograms import linear_vote_spec, recover_histograms
 from .signed_network import CELL_PIXELS, TRAINING_CELLS, SignedNetwork, network_inputs
 from .unsigned_network import MAX_FIRST_CELLS, PIXELS_PER_CELL, UnsignedNetwork, align_sign, normalise
 
@@ -142,7 +142,9 @@ class SignedTraining(WindowTraining):
         return min(largest, rng.uniform(1, max(1, largest)) if rng.random() < SHRUNK_SHARE else 1.0)
 
     def _compute_histograms(self, windows: Tensor, spec: HOGSpec) -> Tensor:
-        return SignedNetwork.recover(hog(windows, spec), spec, (windows.shape[2], windows.shape[3]))[1]
+        descriptor, size = hog(windows, spec), (windows.shape[2], windows.shape[3])
+        spec = linear_vote_spec(spec)
+        return SignedNetwork.rebin(recover_histograms(descriptor, spec, size), spec, size)
 
     def _batch(self, histograms: Tensor, windows: Tensor) -> _SignedBatch:
         inputs = network_inputs(histograms)

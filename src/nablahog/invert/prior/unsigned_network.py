@@ -28,7 +28,7 @@ from .signed_network import Architecture, PriorNetwork, ResidualBlock, set_to_ze
 
 UNSIGNED_BINS = 9  # of 20° each
 PIXELS_PER_CELL = 2  # pixels of the prediction per cell, along each axis
-CONTRAST = 4.0  # of votes, relative to their mean, before the logarithm
+CONTRAST = 4.0  # of histograms, relative to their mean, before the logarithm
 MAX_FIRST_CELLS = 20  # rows or columns that are seen at first
 MAX_LAST_CELLS = 64  # rows or columns that are seen at last, at most
 COARSEST = 4  # cells for a pixel at the network's coarsest resolution, along each axis
@@ -172,23 +172,18 @@ class UnsignedNetwork(PriorNetwork):
         """10° becomes 170°."""
         return histograms.flip(1, 3)
 
-    def predict(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def predict(self, histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
         """The mean of the predictions for the image and for its mirror image; the likelier of it and its negative."""
-        histograms, inputs = self.recover(descriptor, spec, size, histograms)
+        inputs = self.rebin(histograms, spec, size)
         largest = self.largest_cells(inputs)
         regions = self.predict_regions(inputs, largest)
         images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
-        return interpolate(images, size=size, mode="bicubic", align_corners=False), histograms
+        return interpolate(images, size=size, mode="bicubic", align_corners=False)
 
-    def draw(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int
-    ) -> tuple[Tensor, Tensor]:
-        """Random possible images (B · count, 1, H, W) for descriptors, and histograms, as :meth:`predict`."""
-        histograms, inputs = self.recover(descriptor, spec, size)
-        images = [self._draw(cells.unsqueeze(0), count, seed) for cells in inputs]
-        return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False), histograms
+    def draw(self, histograms: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int) -> Tensor:
+        """Random possible images (B · count, 1, H, W), as :meth:`predict`."""
+        images = [self._draw(cells.unsqueeze(0), count, seed) for cells in self.rebin(histograms, spec, size)]
+        return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False)
 
     def _draw(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for histograms (1, 9, R, C) of a descriptor, each with other channels dropped."""
@@ -204,11 +199,9 @@ class UnsignedNetwork(PriorNetwork):
             is_positive = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
         return torch.where(is_positive, regions, -regions)
 
-    def polarity_confidence(
-        self, images: Tensor, descriptor: Tensor, spec: HOGSpec, histograms: Tensor | None = None
-    ) -> Tensor:
-        """The probabilities (B,) that images (B, 1, H, W) with the descriptors are not negatives."""
-        _, inputs = self.recover(descriptor, spec, (images.shape[2], images.shape[3]), histograms)
+    def polarity_confidence(self, images: Tensor, histograms: Tensor, spec: HOGSpec) -> Tensor:
+        """The probabilities (B,) that images (B, 1, H, W) with the histograms are not negatives."""
+        inputs = self.rebin(histograms, spec, (images.shape[2], images.shape[3]))
         return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
 
     def largest_cells(self, histograms: Tensor) -> LargestCells:
