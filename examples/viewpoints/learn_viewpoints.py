@@ -26,11 +26,17 @@ from nablahog.invert.prior.provenance import digest_of_images
 from nablahog.io.learned_model import flatten_all, fold_statistics
 from nablahog.io.photographs import read_folder
 from nablahog.paper.scenes import Scene, SceneSettings, scene
-from nablahog.pose.background import FINE, pose_spec
+from nablahog.pose.background import FINE_CELL, pose_spec
 from nablahog.pose.crop import crop_object
 from nablahog.pose.model import VIEW_COUNT, equidistant_azimuths
 from nablahog.pose.similarity import describe
-from nablahog.pose.viewpoint_prior import WIDTH, ViewpointLearning, ViewpointNetwork, ViewpointPrior, mirror_descriptors
+from nablahog.pose.viewpoint_prior import (
+    NETWORK_WIDTH,
+    ViewpointLearning,
+    ViewpointNetwork,
+    ViewpointPrior,
+    mirror_descriptors,
+)
 from nablahog.runtime.pytorch import seeded
 
 CHAIRS = 4000
@@ -83,7 +89,7 @@ def described(count: int, photographs: Sequence[Tensor], seed: int) -> tuple[Ten
         if index % 250 == 0:
             print(f"scene {index} of {count}", flush=True)
         made = viewpoint_scene(index, models, photographs, seed)
-        descriptors.append(describe(crop_object(made.image, made.box).image, pose_spec(FINE)).half())
+        descriptors.append(describe(crop_object(made.image, made.box).image, pose_spec(FINE_CELL)).half())
         azimuths.append(float(made.pose[0]))
     return torch.cat(descriptors), torch.tensor(azimuths)
 
@@ -101,7 +107,7 @@ def train(descriptors: Tensor, azimuths: Tensor, epochs: int, seed: int) -> tupl
     """
     batches = len(descriptors) // BATCH
     with seeded(seed):
-        network = ViewpointNetwork(descriptors.shape[1], WIDTH).train()
+        network = ViewpointNetwork(descriptors.shape[1], NETWORK_WIDTH).train()
         optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, LEARNING_RATE, total_steps=epochs * batches)
         losses: list[float] = []
@@ -147,7 +153,7 @@ def main() -> None:
         epochs=options.epochs,
         losses=losses,
     )
-    ViewpointPrior(pose_spec(FINE), WIDTH, weights, learning).save(options.output)
+    ViewpointPrior(pose_spec(FINE_CELL), NETWORK_WIDTH, weights, learning).save(options.output)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from torch.testing import assert_close
 from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.pose import PoseEstimate, estimate_pose
-from nablahog.pose.crop import FILL, SIDE, apply_mask, crop_object
+from nablahog.pose.crop import CROP_FILL, CROP_SIDE, apply_mask, crop_object
 from nablahog.pose.similarity import downsampled_poses
 from nablahog.render import pose, render
 from nablahog.render.camera import to_camera, to_screen
@@ -32,20 +32,20 @@ def screen(points: Tensor, pose: Tensor, camera: object) -> Tensor:
 
 def test_at_zoom_1_it_is_the_photograph() -> None:
     photograph = torch.rand(3, 200, 220)
-    crop = crop_object(photograph, (50.0, 30.0, 50 + FILL, 110.0))
-    assert (crop.zoom, crop.middle, crop.size) == (1, (106, 70), (FILL, 80))
+    crop = crop_object(photograph, (50.0, 30.0, 50 + CROP_FILL, 110.0))
+    assert (crop.zoom, crop.middle, crop.size) == (1, (106, 70), (CROP_FILL, 80))
     assert_close(crop.image, gray(photograph[None])[:, :, 6:134, 42:170], rtol=0, atol=1e-4)
 
 
 def test_beyond_the_photograph_its_border_repeats() -> None:
     photograph = torch.rand(1, 112, 60)
-    crop = crop_object(photograph, (0.0, 0.0, 60.0, FILL))
-    beside = (SIDE - 60) // 2
+    crop = crop_object(photograph, (0.0, 0.0, 60.0, CROP_FILL))
+    beside = (CROP_SIDE - 60) // 2
     assert_close(crop.image[0, :, 8:120, beside:-beside], photograph, rtol=0, atol=1e-4)
     assert_close(crop.image[0, 0, 8:120, :beside], photograph[0, :, :1].expand(-1, beside), rtol=0, atol=1e-4)
     assert_close(crop.image[0, 0, 8:120, -beside:], photograph[0, :, -1:].expand(-1, beside), rtol=0, atol=1e-4)
     assert_close(crop.image[0, 0, :8], crop.image[0, 0, 8:9].expand(8, -1), rtol=0, atol=1e-4)
-    assert crop.valid == (beside, 8, SIDE - beside, 120)
+    assert crop.valid == (beside, 8, CROP_SIDE - beside, 120)
 
 
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (33.5, 1.25, 90.0, 57.75), (-9.0, 40.0, 300.0, 600.0)])
@@ -54,7 +54,7 @@ def test_brightness_stays_where_it_is(box: tuple[float, ...]) -> None:
     height, width = 240, 320
     x, y = torch.arange(width) + 0.5, torch.arange(height) + 0.5
     crop = crop_object(((x / 320 + y[:, None] / 240) / 2)[None], box)
-    at = (torch.arange(SIDE) + 0.5 - SIDE / 2) / crop.zoom
+    at = (torch.arange(CROP_SIDE) + 0.5 - CROP_SIDE / 2) / crop.zoom
     across, down = ((at + middle) for middle in crop.middle)
     expected = (across / 320 + down[:, None] / 240) / 2
     # all that is smoothed has to be in the photograph
@@ -67,8 +67,8 @@ def test_brightness_stays_where_it_is(box: tuple[float, ...]) -> None:
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (60.0, 1.25, 90.0, 557.75)])
 def test_the_box_fills_it(box: tuple[float, ...]) -> None:
     crop = crop_object(torch.zeros(1, 600, 300), box)
-    assert crop.image.shape == (1, 1, SIDE, SIDE)
-    assert max(crop.size) == pytest.approx(FILL)
+    assert crop.image.shape == (1, 1, CROP_SIDE, CROP_SIDE)
+    assert max(crop.size) == pytest.approx(CROP_FILL)
     assert crop.size[0] / crop.size[1] == pytest.approx((box[2] - box[0]) / (box[3] - box[1]))
     assert crop.middle == ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
 
@@ -76,7 +76,7 @@ def test_the_box_fills_it(box: tuple[float, ...]) -> None:
 def test_what_is_shrunk_is_smoothed_first() -> None:
     """Rows of a pixel, white and black, are gray on a crop of a fifth of the size, and no moiré."""
     photograph = (torch.arange(800) % 2).float()[:, None].expand(1, 800, 800)
-    crop = crop_object(photograph, (120.0, 120.0, 120 + 5 * FILL, 120 + 5 * FILL))
+    crop = crop_object(photograph, (120.0, 120.0, 120 + 5 * CROP_FILL, 120 + 5 * CROP_FILL))
     assert (crop.image - 0.5).abs().max() < 0.05
 
 
@@ -300,6 +300,6 @@ def test_large_photographs_are_shrunk_in_two_steps(
     assert_close(crop.image, crop_object(picture(side), box, **small).image, atol=4e-3, rtol=0)
     of_bytes = crop_object((large * 255).round().byte(), [factor * each for each in box], **known)
     assert_close(of_bytes.image, crop.image, atol=2e-3, rtol=0)
-    monkeypatch.setattr("nablahog.pose.crop_view.STRIP", 7 * side * factor)
+    monkeypatch.setattr("nablahog.pose.crop_view.STRIP_PIXELS", 7 * side * factor)
     in_strips = crop_object(large, [factor * each for each in box], **known)
     assert_close(in_strips.image, crop.image, atol=1e-6, rtol=0)

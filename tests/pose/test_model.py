@@ -13,7 +13,7 @@ from nablahog.hog import presets
 from nablahog.hog.box import Box
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import default_background, pose_spec
-from nablahog.pose.crop import FILL, ObjectCrop, crop_object
+from nablahog.pose.crop import CROP_FILL, ObjectCrop, crop_object
 from nablahog.pose.model import (
     DETAIL,
     ELEVATION_STEP,
@@ -226,7 +226,7 @@ def similarities(model: PreparedModel, photograph: PreparedPhotograph, elevation
 def test_views_have_the_similarities_of_renderings_that_fill_the_crop(
     photograph: PreparedPhotograph, prepared: PreparedModel
 ) -> None:
-    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), 15), prepared.hull, prepared.camera, FILL)
+    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), 15), prepared.hull, prepared.camera, CROP_FILL)
     expected = prepared.similarity(photograph.calibrated, detail=DETAIL).values(poses)
     result = similarities(prepared, photograph, 15)
     assert_close(result, expected, rtol=1e-4, atol=1e-4)

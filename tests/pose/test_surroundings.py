@@ -14,7 +14,7 @@ from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.io.images import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
-from nablahog.pose.crop import FILL, crop_object
+from nablahog.pose.crop import CROP_FILL, crop_object
 from nablahog.pose.detection import find_boxes
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
@@ -84,7 +84,7 @@ def test_the_best_view_is_where_the_object_is() -> None:
     assert list(similarities) == sorted(similarities, reverse=True)
     sides = bounding_boxes(poses[:1], one.hull, crop.camera)[0]
     expected = [(side - middle) * crop.zoom for side, middle in zip(box, crop.middle * 2, strict=True)]
-    assert max(abs(float(side) - of) for side, of in zip(sides, expected, strict=True)) < 0.1 * FILL
+    assert max(abs(float(side) - of) for side, of in zip(sides, expected, strict=True)) < 0.1 * CROP_FILL
 
 
 def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Tensor, PreparedPhotograph]) -> None:
@@ -92,7 +92,8 @@ def test_a_view_off_the_box_loses_a_known_part_of_its_similarity(photo: tuple[Te
     image, photograph = photo
     one, everywhere = prepared_model(model()), torch.ones(VIEW_COUNT, dtype=torch.bool)
     windows = torch.stack([view_descriptors(one, 15)[5].flatten()] * 4)
-    scales, centres = torch.tensor([1.0, 2.0, 1.0, 0.5]), torch.tensor([[0, 0], [0, 0], [0, FILL / 2], [FILL / 2, 0]])
+    scales = torch.tensor([1.0, 2.0, 1.0, 0.5])
+    centres = torch.tensor([[0, 0], [0, 0], [0, CROP_FILL / 2], [CROP_FILL / 2, 0]])
     scores = []
     for k in range(4):
         around = describe_surroundings(photograph, image, [0], FOUND)
@@ -127,7 +128,7 @@ def test_a_tilted_view_is_the_upright_one_turned_about_the_window(photo: tuple[T
     upright = torch.stack([cosine * seen[:, 0] - sine * seen[:, 1], sine * seen[:, 0] + cosine * seen[:, 1]], 1)
     low, high = upright.amin(0), upright.amax(0)
     assert_close(low + high, torch.zeros(2).double(), rtol=0, atol=1e-3)
-    assert float((high - low).max()) == pytest.approx(scale * FILL, abs=0.1)
+    assert float((high - low).max()) == pytest.approx(scale * CROP_FILL, abs=0.1)
 
 
 AZIMUTH = 325.0

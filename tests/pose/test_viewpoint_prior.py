@@ -14,7 +14,7 @@ from torch import Tensor
 from nablahog import HOGSpec, presets
 from nablahog.paper.scenes import Scene, SceneSettings, scene
 from nablahog.pose import estimate_pose
-from nablahog.pose.background import FINE, pose_spec
+from nablahog.pose.background import FINE_CELL, pose_spec
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
 from nablahog.pose.model import prepared_model
@@ -33,7 +33,7 @@ from nablahog.render import Mesh, render
 
 from ..chairs import chair
 
-SPEC = pose_spec(FINE)
+SPEC = pose_spec(FINE_CELL)
 LEARNING = ViewpointLearning(scenes=64, photographs=1, sha256="", seed=0, epochs=1, losses=(1.0,))
 
 

@@ -15,7 +15,7 @@ from ..hog import HOGSpec, presets
 from ..hog.box import Box
 from ..hog.descriptor import describe
 from ..pose import PoseEstimate, estimate_pose
-from ..pose.crop import SIDE, ObjectCrop, check_box, crop_object
+from ..pose.crop import CROP_SIDE, ObjectCrop, check_box, crop_object
 from ..pose.estimate import choose_lens
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
@@ -86,7 +86,7 @@ class Fitting:
         crop = self.crop
         return {
             "type": "ready",
-            "crop": {"side": SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
+            "crop": {"side": CROP_SIDE, "zoom": crop.zoom, "middle": list(crop.middle)},
             "photo_glyphs": glyphs(describe(crop.image, SPEC)[0], SPEC, CROP_GLYPHS_SIDE),
             "image": png(crop.image[0]),
         }

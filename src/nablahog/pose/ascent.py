@@ -27,8 +27,8 @@ _FIRST, _SECOND = np.triu_indices(1 + len(PARAMETERS))
 _FACTORS = np.where((_FIRST == _SECOND) & (_FIRST > 0), 0.5, 1.0)
 _UNIT = np.eye(1 + len(PARAMETERS))
 _DERIVATIVES = _FACTORS * (_UNIT[:, None, _FIRST] * _UNIT[1:, _SECOND] + _UNIT[:, None, _SECOND] * _UNIT[1:, _FIRST])
-_OF_VALUES = 8.0  # weight of a value relative to that of a derivative: jags are steep, but not high
-_OF_SLOPES = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of derivatives, by their errors in UNITS
+_VALUE_WEIGHT = 8.0  # weight of a value relative to that of a derivative: jags are steep, but not high
+_SLOPE_WEIGHTS = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of derivatives, by their errors in UNITS
 _STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
 _FLATTEST = 0.15  # smallest curvature along an axis, as a fraction of the largest
 _LONGEST_STEP = 2.0  # longest step, in spreads
@@ -50,8 +50,6 @@ SCHEDULE = (
     Round(12, 0.6, slopes=False),
 )
 """Slopes show the curvature early; values locate the maximum better in the end."""
-
-LEARNING_RATE = 2.0  # of the paper's ascent
 
 
 def quadratic_ascent(
@@ -80,8 +78,8 @@ def quadratic_ascent(
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
     for count, spread, slopes in rounds:
         unit = spread * UNITS
-        some, directions = directions[: count // 2], directions[count // 2 :]
-        sampled = pose + torch.cat([some, -some]) * unit
+        half, directions = directions[: count // 2], directions[count // 2 :]
+        sampled = pose + torch.cat([half, -half]) * unit
         poses, samples = torch.cat([poses, sampled]), torch.cat([samples, _sample(similarity, sampled, slopes)])
         offsets = (poses - pose) / unit
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
@@ -103,8 +101,8 @@ def _sample(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
 def _directions(count: int, generator: torch.Generator) -> Tensor:
     """Offsets (count, 6) of root mean square 1, orthogonal within each group of six."""
     size = len(PARAMETERS)
-    some = torch.randn((math.ceil(count / size), size, size), generator=generator, dtype=torch.float64)
-    directions: Tensor = math.sqrt(size) * torch.linalg.qr(some).Q.reshape(-1, size)[:count]
+    normal = torch.randn((math.ceil(count / size), size, size), generator=generator, dtype=torch.float64)
+    directions: Tensor = math.sqrt(size) * torch.linalg.qr(normal).Q.reshape(-1, size)[:count]
     return directions
 
 
@@ -114,14 +112,15 @@ def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -
     Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  Curvatures are
     made negative, at least :data:`_FLATTEST` of the largest, and the step is cut to :data:`_LONGEST_STEP`.
     """
-    at = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
+    numbers = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
     known = ~np.isnan(slopes[:, 0].numpy())
-    known_slopes, every = slopes.numpy()[known], weights.numpy()
+    known_slopes, pose_weights = slopes.numpy()[known], weights.numpy()
     # makes the weights of values and slopes comparable
     scale = max(np.sqrt(np.square(known_slopes).mean()), 1e-12) if known.any() else 1.0
-    of_slopes = (at[known] @ _DERIVATIVES.reshape(len(_UNIT), -1)).reshape(-1, len(_FIRST))
-    terms = np.concatenate([_FACTORS * at[:, _FIRST] * at[:, _SECOND], of_slopes])
-    weighted = np.concatenate([_OF_VALUES * every, np.outer(every[known], _OF_SLOPES).ravel()])[:, np.newaxis] * terms
+    slope_terms = (numbers[known] @ _DERIVATIVES.reshape(len(_UNIT), -1)).reshape(-1, len(_FIRST))
+    terms = np.concatenate([_FACTORS * numbers[:, _FIRST] * numbers[:, _SECOND], slope_terms])
+    row_weights = np.concatenate([_VALUE_WEIGHT * pose_weights, np.outer(pose_weights[known], _SLOPE_WEIGHTS).ravel()])
+    weighted = row_weights[:, np.newaxis] * terms
     targets = np.concatenate([values.numpy(), known_slopes.ravel()]) / scale
     stiff = np.where(_FIRST > 0, _STIFFNESS, 0) + 1e-9
     quadratic = np.empty_like(_UNIT)
@@ -138,7 +137,7 @@ def momentum_ascent(
     poses: Tensor,
     *,
     steps: int = 50,
-    learning_rate: float = LEARNING_RATE,
+    learning_rate: float = 2.0,
     momentum: float = 0.9,
     distance_every: int = 4,
     visit: Callable[[Tensor], None] = lambda pose: None,

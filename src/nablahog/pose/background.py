@@ -18,17 +18,17 @@ from ..hog.spec import HOGSpec
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .whitening import Background, check_spec
 
-FOLDER = Path(__file__).with_name("default_backgrounds")  # see its README.md
+STORED_BACKGROUNDS = Path(__file__).with_name("default_backgrounds")  # see its README.md
 SCALE_STEP = 2**-0.5  # between two scales of a photograph
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
-RING = 1  # cells next to the border of an image, which are unlike all others
-COARSE, FINE = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
+RING_CELLS = 1  # cells next to the border of an image, which are unlike all others
+COARSE_CELL, FINE_CELL = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
 _SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 
 def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
     """(height, width) of the smallest image to learn from."""
-    cells = order + 1 + 2 * RING
+    cells = order + 1 + 2 * RING_CELLS
     return spec.image_size(cells, cells)
 
 
@@ -73,9 +73,9 @@ def learn_background(
         _check(name, image, least_size(spec, order))
     progress(0, len(images), "")
     sums = torch.zeros(())
-    of_images = map_function(partial(_sums, spec=spec, order=order), list(images.values()))
-    for done, (name, of_image) in enumerate(zip(images, of_images, strict=True), start=1):
-        sums = sums + of_image
+    image_sums = map_function(partial(_sums, spec=spec, order=order), list(images.values()))
+    for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
+        sums = sums + sums_of_image
         progress(done, len(images), name)
     # over all pairs of cells: sums of products, of the first, of the second, and the number of pairs
     products, first, second, pairs = sums[..., :-1, :-1], sums[..., :-1, -1:], sums[..., -1:, :-1], sums[..., -1:, -1:]
@@ -104,7 +104,7 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     (torch.Size([9]), 2)
     """
     spec = as_spec(spec)
-    file = FOLDER / f"cells_of_{spec.cell_size[0]}.npz"
+    file = STORED_BACKGROUNDS / f"cells_of_{spec.cell_size[0]}.npz"
     if order == ORDER and file.exists() and spec == pose_spec(spec.cell_size[0]):
         return Background.load(file)
     photographs = {name: gray(sample_photograph(name)[None])[0, 0] for name in SAMPLE_NAMES}
@@ -112,14 +112,14 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
 
 
 @lru_cache(maxsize=4)
-def pose_spec(cell_size: int = COARSE) -> HOGSpec:
+def pose_spec(cell_size: int = COARSE_CELL) -> HOGSpec:
     """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
     return aubry(cell_size, colour="gray")
 
 
 def coarse_background(own: Background | None = None) -> tuple[Background, int]:
     """The background of the coarse search, by default that of :func:`pose_spec`, and how much the crop is shrunk."""
-    return (own, 1) if own is not None else (default_background(pose_spec(COARSE // _SHRINK)), _SHRINK)
+    return (own, 1) if own is not None else (default_background(pose_spec(COARSE_CELL // _SHRINK)), _SHRINK)
 
 
 def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
@@ -136,7 +136,7 @@ def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
     scale, small = 1.0, image
     while small.shape[0] >= height and small.shape[1] >= width:
         cells = normalize(histograms(small[None, None], spec), spec)[0]
-        yield cells[:, RING:-RING, RING:-RING].double()
+        yield cells[:, RING_CELLS:-RING_CELLS, RING_CELLS:-RING_CELLS].double()
         scale *= SCALE_STEP
         small = limit_size(image[None], max(1, round(scale * max(image.shape))))[0]
 

@@ -198,8 +198,8 @@ class BestSearch:
         """The estimate of the best pose, with its runners-up and its confidence."""
         elevation = min(self.problem.elevations, key=lambda elevation: abs(elevation - float(best.pose[1])))
         same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
-        others = select_runners_up(shares, [best.azimuth, *same_view])
-        rivals = tuple(self._convert(hypothesis, share=share) for hypothesis, share in others.items())
+        runners_up = select_runners_up(shares, [best.azimuth, *same_view])
+        rivals = tuple(self._convert(hypothesis, share=share) for hypothesis, share in runners_up.items())
         rival = rivals[0].share if rivals else 0.0
         lead = best.similarity - max((estimate.similarity for estimate in rivals), default=-math.inf)
         known = len(self.problem.models) == 1

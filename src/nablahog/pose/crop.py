@@ -20,8 +20,8 @@ from ..hog.inputs import WHITE
 from ..render import Camera
 from .crop_view import CropView, resample
 
-SIDE = 128  # pixels of the square
-FILL = 112.0  # pixels of the box's longer side in it
+CROP_SIDE = 128  # pixels of the square
+CROP_FILL = 112.0  # pixels of the box's longer side in it
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
@@ -80,7 +80,7 @@ class ObjectCrop(CropView):
         return moved, Camera(self.focal, height, width)
 
 
-def typical_camera(side: int = SIDE, fill: float = FILL) -> Camera:
+def typical_camera(side: int = CROP_SIDE, fill: float = CROP_FILL) -> Camera:
     """The camera that sees an object at :data:`DISTANCE` fill ``fill`` of ``side`` pixels."""
     return Camera(DISTANCE * fill / _TYPICAL_EXTENT, side, side)
 
@@ -113,8 +113,8 @@ def check_box(sides: Sequence[float], height: int, width: int) -> Box:
 def crop_object(
     photograph: Tensor,
     box: Sequence[float] | None = None,
-    side: int = SIDE,
-    fill: float = FILL,
+    side: int = CROP_SIDE,
+    fill: float = CROP_FILL,
     focal: float | None = None,
     axis: tuple[float, float] | None = None,
 ) -> ObjectCrop:
@@ -155,14 +155,14 @@ def crop_object(
 
 def check_photograph(photograph: Tensor) -> None:
     """Raises ValueError unless ``photograph`` is (1 or 3, H, W), of finite floating point numbers or of uint8."""
-    of_numbers = photograph.is_floating_point() or photograph.dtype == torch.uint8
-    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not of_numbers:
+    is_numeric = photograph.is_floating_point() or photograph.dtype == torch.uint8
+    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not is_numeric:
         last = photograph.shape[-1:] in ((1,), (3,))
         write = {2: "photograph[None]", 3: "photograph.permute(2, 0, 1)" if last else "", 4: "photograph[0]"}
         advice = f": write {write[photograph.dim()]}" if write.get(photograph.dim()) else ""
         raise ValueError(
             f"the photograph must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
-            f"got {photograph.dtype} of shape {tuple(photograph.shape)}{advice if of_numbers else WHITE}"
+            f"got {photograph.dtype} of shape {tuple(photograph.shape)}{advice if is_numeric else WHITE}"
         )
     if photograph.dtype == torch.uint8:
         return

@@ -14,8 +14,8 @@ from ..hog.box import Box
 from ..hog.gradient import gray
 from ..render.conventions import turn_to
 
-MOST_PIXELS = 8  # or means of pixels, of a photograph along a side of a crop's pixel: the blur would hide more
-STRIP = 2**20  # pixels that are averaged or blurred at once
+MOST_OVERSAMPLING = 8  # or means of pixels, of a photograph along a side of a crop's pixel: the blur would hide more
+STRIP_PIXELS = 2**20  # pixels that are averaged or blurred at once
 _LEAST_DEPTH = 1e-3  # of rays, to divide by; it is 1 on the optical axis
 
 
@@ -108,7 +108,7 @@ def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
 
 def reduction(zoom: float) -> int:
     """The side of the squares of a photograph's pixels whose means are enough at a zoom; 1 for zooms above 1/16."""
-    return max(1, int(1 / (MOST_PIXELS * zoom)))
+    return max(1, int(1 / (MOST_OVERSAMPLING * zoom)))
 
 
 def gray_means(photograph: Tensor, factor: int) -> Tensor:
@@ -118,7 +118,7 @@ def gray_means(photograph: Tensor, factor: int) -> Tensor:
     """
     channels, height, width = photograph.shape
     means = torch.empty(channels, -(-height // factor), -(-width // factor))
-    rows = max(1, STRIP // (factor * width))  # of means at a time
+    rows = max(1, STRIP_PIXELS // (factor * width))  # of means at a time
     for row in range(0, len(means[0]), rows):
         strip = photograph[:, row * factor : (row + rows) * factor]
         beyond = (0, -width % factor, 0, -strip.shape[1] % factor)
@@ -137,7 +137,7 @@ def blur(image: Tensor, sigma: float) -> Tensor:
     taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     taps = taps / taps.sum()
     padded = functional.pad(image, (reach,) * 4, mode="replicate")
-    result, rows = torch.empty_like(image), max(1, STRIP // image.shape[3])
+    result, rows = torch.empty_like(image), max(1, STRIP_PIXELS // image.shape[3])
     for row in range(0, image.shape[2], rows):  # a strip at a time
         strip = padded[:, :, row : row + rows + 2 * reach]
         across = functional.conv2d(strip, taps.view(1, 1, 1, -1))

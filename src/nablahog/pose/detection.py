@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from ..hog.box import Box
 from .background import coarse_background
-from .crop import FILL, SIDE
+from .crop import CROP_FILL, CROP_SIDE
 from .crop_view import gray_means, reduction
 from .model import (
     VIEW_COUNT,
@@ -34,8 +34,8 @@ from .surroundings import centre_coordinates, map_grid, turn_image
 from .whitening import Background, cached_whitener
 
 LEVELS_PER_OCTAVE = 4  # of the pyramid, per octave of the object's size
-SMALLEST = 8  # ratio of the photograph's longer side to the smallest object that is looked for
-BORDER = 4  # cells that an object may extend beyond the photograph
+SMALLEST_RATIO = 8  # ratio of the photograph's longer side to the smallest object that is looked for
+BORDER_CELLS = 4  # cells that an object may extend beyond the photograph
 VIEW_STEP = 2  # every second view around a model is compared
 PLACES, PLACES_OF_SEVERAL = 6, 2  # that are looked at closely, for one model or for several
 DETECTORS = 8  # models, at most, whose views are compared with the whole photograph; more add time, hardly places
@@ -64,18 +64,18 @@ def find_boxes(
         (DETECTION_ELEVATIONS, DETECTION_TILTS) if initial is None else (elevations_around(initial), (0.0,))
     )
     azimuths = equidistant_azimuths(VIEW_COUNT)[::VIEW_STEP]
-    azimuth_of = azimuths.repeat(len(models) * len(elevations))
-    elevation_of = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(len(azimuths)).repeat(len(models))
-    model_of = torch.arange(len(models)).repeat_interleave(len(elevations) * len(azimuths))
-    searched = allowed_azimuths(azimuth_of, initial, within).nonzero()[:, 0]
+    view_azimuths = azimuths.repeat(len(models) * len(elevations))
+    view_elevations = torch.tensor(elevations, dtype=torch.float64).repeat_interleave(len(azimuths)).repeat(len(models))
+    view_models = torch.arange(len(models)).repeat_interleave(len(elevations) * len(azimuths))
+    searched = allowed_azimuths(view_azimuths, initial, within).nonzero()[:, 0]
     views = torch.cat(
         [view_descriptors(model, elevation, own)[::VIEW_STEP] for model in models for elevation in elevations]
     )
     views = views[searched]
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for zoom, tilt, weights, middles, inside in _describe_levels(image, background, shrink, tilts):
-        penalty = torch.tensor(SMALL_PENALTY * math.log2(max(image.shape[1:]) * shrink * zoom / FILL))
-        penalty = penalty + view_penalty(elevation_of[searched].float(), torch.tensor([tilt]), initial)
+        penalty = torch.tensor(SMALL_PENALTY * math.log2(max(image.shape[1:]) * shrink * zoom / CROP_FILL))
+        penalty = penalty + view_penalty(view_elevations[searched].float(), torch.tensor([tilt]), initial)
         values, view = (_correlate(weights, views) - penalty).max(2)
         values = torch.where(inside, values, -torch.inf)
         around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]
@@ -86,13 +86,13 @@ def find_boxes(
     best = torch.cat(peaks)
     best = best[best[:, 0].argsort(descending=True)[:_PEAKS]]
     view = best[:, 1].long()
-    poses = level_poses(azimuth_of[view], elevation_of[view])
+    poses = level_poses(view_azimuths[view], view_elevations[view])
     boxes = torch.empty(len(best), 4, dtype=torch.float64)
     for k, model in enumerate(models):
-        mine = (model_of[view] == k).nonzero()[:, 0]
-        if len(mine):
-            placed = tilt_views(fit_to_box(poses[mine], model.hull, model.camera, FILL), best[mine, 5])
-            boxes[mine] = bounding_boxes(placed, model.hull, model.camera)
+        own_peaks = (view_models[view] == k).nonzero()[:, 0]
+        if len(own_peaks):
+            placed = tilt_views(fit_to_box(poses[own_peaks], model.hull, model.camera, CROP_FILL), best[own_peaks, 5])
+            boxes[own_peaks] = bounding_boxes(placed, model.hull, model.camera)
     boxes = boxes / (shrink * best[:, 4])[:, None] + best[:, [2, 3, 2, 3]]
     return [Box.of(sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
 
@@ -106,11 +106,11 @@ def _describe_levels(
     windows x, y of the middle in the photograph, (down, across, 2), pixels, and whether it is inside, (down, across).
     """
     spec = background.spec
-    size = spec.grid(SIDE // shrink, SIDE // shrink)
+    size = spec.grid(CROP_SIDE // shrink, CROP_SIDE // shrink)
     height, width = image.shape[1:]
-    fill = FILL / shrink
+    fill = CROP_FILL / shrink
     largest = float(max(height, width))
-    smallest = min(max(largest / SMALLEST, fill), largest)
+    smallest = min(max(largest / SMALLEST_RATIO, fill), largest)
     finest = math.floor(LEVELS_PER_OCTAVE * math.log2(largest / smallest))
     factor = reduction(fill / (largest * 2 ** (-finest / LEVELS_PER_OCTAVE)))
     photograph = gray_means(image, factor)[None]
@@ -124,8 +124,8 @@ def _describe_levels(
             angle = math.radians(tilt)
             sine, cosine = abs(math.sin(angle)), math.cos(angle)
             needed = shape[0] * cosine + shape[1] * sine, shape[0] * sine + shape[1] * cosine
-            cells = [max(math.ceil(side / cell) + 2 * BORDER, least) for side, least in zip(needed, size, strict=True)]
-            canvas = turn_image(photograph[0, 0], [tilt], 1.0, spec.image_size(*cells))
+            cells = [math.ceil(side / cell) + 2 * BORDER_CELLS for side in needed]
+            canvas = turn_image(photograph[0, 0], [tilt], 1.0, spec.image_size(*map(max, cells, size)))
             descriptor = describe(canvas[:, None], spec)
             whitener = cached_whitener(background, *descriptor.shape[2:])
             _, valid = _place_cells(descriptor.shape[2:], cell, tilt, shape)
@@ -151,8 +151,8 @@ def _correlate(weights: Tensor, views: Tensor) -> Tensor:
     _, _, rows, cols = views.shape
     down, across = weights.shape[1] - rows + 1, weights.shape[2] - cols + 1
     strips = weights.unfold(2, cols, 1).permute(1, 2, 0, 3).reshape(weights.shape[1] * across, -1)
-    of_rows = views.permute(2, 1, 3, 0).reshape(rows, -1, len(views))
-    products = strips[: down * across] @ of_rows[0]
+    view_rows = views.permute(2, 1, 3, 0).reshape(rows, -1, len(views))
+    products = strips[: down * across] @ view_rows[0]
     for row in range(1, rows):
-        products.addmm_(strips[row * across : (row + down) * across], of_rows[row])
+        products.addmm_(strips[row * across : (row + down) * across], view_rows[row])
     return products.reshape(down, across, -1)

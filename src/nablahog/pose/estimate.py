@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.box import Box
+from ..hog.checks import check_choice
 from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
@@ -36,7 +37,7 @@ from .viewpoint_prior import ViewpointChoice, choose_viewpoints
 from .whitening import Background
 
 EVERY_DEGREE = 360
-STARTS = 8  # azimuths all around, beside the initial one
+PAPER_STARTS = 8  # azimuths all around, beside the initial one
 RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
@@ -45,7 +46,7 @@ def paper_search(problem: PoseProblem, *, method: SearchMethod) -> PoseEstimate:
     """Ascent with momentum from the initial pose and azimuths all around, by the renderer of a method of the paper."""
     template = problem.photograph.template(problem.similarity)
     azimuth, elevation = problem.initial or (0.0, ELEVATIONS[1])
-    azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(STARTS)])
+    azimuths = torch.cat([equidistant_azimuths(1, azimuth), equidistant_azimuths(PAPER_STARTS)])
     best, traces, renderings = [], [], 0
     for name, model in problem.iterate_models():
         similarity = model.similarity(template, *RENDERERS[method], camera=problem.photograph.crop.camera)
@@ -178,9 +179,9 @@ def estimate_pose(
     meshes = {name: check_mesh(mesh) for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
-    _check_option("method", method, SearchMethod)
+    check_choice("method", method, SearchMethod)
     if similarity is not None:
-        _check_option("similarity", similarity, SimilarityKind)
+        check_choice("similarity", similarity, SimilarityKind)
     if not 0 < within <= 180:
         raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
     if within < 180 and initial is None:
@@ -263,11 +264,6 @@ def convert_image(photograph: Tensor | ArrayImage) -> Tensor:
     if not single:
         raise ValueError(f"expected one photograph, got {len(images)}")
     return images[0]
-
-
-def _check_option(name: str, value: object, literal: object) -> None:
-    if value not in get_args(literal):
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, get_args(literal)))}, got {value!r}")
 
 
 def _check_view(initial: Sequence[float] | None) -> tuple[float, float] | None:

@@ -18,11 +18,11 @@ from torch import Tensor
 from ..io.array_cache import cached_array
 from ..render import Camera, Mesh, Renderer
 from ..render.camera import rotation_matrices
-from ..render.renderer import LIGHT, EdgeMethod
+from ..render.renderer import DEFAULT_LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
-from .crop import DISTANCE, FILL, SIDE, downsample_camera, typical_camera
+from .crop import CROP_FILL, CROP_SIDE, DISTANCE, downsample_camera, typical_camera
 from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches
 from .whitening import Background, Whitener, cached_whitener
 
@@ -103,7 +103,7 @@ def prepared_model(mesh: Mesh) -> PreparedModel:
 def coarse_whitener(own: Background | None = None) -> Whitener:
     """The whitener of crops in the coarse search, see :func:`.background.coarse_background`."""
     background, shrink = coarse_background(own)
-    return cached_whitener(background, *background.spec.grid(SIDE // shrink, SIDE // shrink))
+    return cached_whitener(background, *background.spec.grid(CROP_SIDE // shrink, CROP_SIDE // shrink))
 
 
 def view_descriptors(model: PreparedModel, elevation: float, own: Background | None = None) -> Tensor:
@@ -128,7 +128,7 @@ def _read_views(model: PreparedModel, elevation: float, own: Background | None) 
     facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, code_key(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
     shape = VIEW_COUNT, spec.channels, whitener.rows, whitener.cols
-    views = cached_array("views", key, shape, lambda: _describe_views(model, elevation, own, LIGHT).numpy())
+    views = cached_array("views", key, shape, lambda: _describe_views(model, elevation, own, DEFAULT_LIGHT).numpy())
     return torch.from_numpy(views)
 
 
@@ -139,9 +139,9 @@ def _round_elevation(elevation: float) -> float:
 def _describe_views(model: PreparedModel, elevation: float, own: Background | None, light: Light) -> Tensor:
     """Renders and describes the views for :func:`view_descriptors`."""
     (background, shrink), whitener = coarse_background(own), coarse_whitener(own)
-    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, FILL)
+    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, CROP_FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
-    if light is not LIGHT:
+    if light is not DEFAULT_LIGHT:
         renderer = Renderer(renderer.mesh, renderer.camera, light=light, supersampling=renderer.supersampling)
 
     def describe_poses(batch: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.box import pixel_box
-from .background import FINE, coarse_background, default_background, pose_spec
+from .background import FINE_CELL, coarse_background, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind
 from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
@@ -81,7 +81,7 @@ class PreparedPhotograph:
     @cached_property
     def fine(self) -> CalibratedTemplate:
         """The calibrated template of smaller cells, for the last fraction of a degree."""
-        finer = dataclasses.replace(self.background.spec, cell_size=(FINE, FINE))
+        finer = dataclasses.replace(self.background.spec, cell_size=(FINE_CELL, FINE_CELL))
         return calibrated_template(self.crop, default_background(finer))
 
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
-from .crop import FILL, crop_object
+from .crop import CROP_FILL, crop_object
 from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles
 from .options import FocalSource, SimilarityKind
 from .photograph import PreparedPhotograph
@@ -78,7 +78,8 @@ class PoseProblem:
             return penalties
         penalties += view_penalty(poses[:, 1], poses[:, 3], self.initial)
         if self.other_boxes is not None:
-            penalties += SMALL_PENALTY * max(0.0, math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / FILL))
+            halvings = math.log2(max(self.image.shape[1:]) * photograph.crop.zoom / CROP_FILL)
+            penalties += SMALL_PENALTY * max(0.0, halvings)
         return penalties
 
     @cached_property

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .background import coarse_background
-from .crop import FILL
+from .crop import CROP_FILL
 from .crop_view import blur, resample
 from .model import (
     VIEW_COUNT,
@@ -80,16 +80,16 @@ def describe_surroundings(
     widened = DIAGONAL if any(tilts) else 1.0
     base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
     base = resample(image, replace(crop, zoom=zoom), base_side)
-    levels = []
+    level_images = []
     for step in steps.tolist():
         smooth = blur(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
-        levels.append(turn_image(smooth[0, 0], tilts, step, (side, side)))
-    descriptors = describe(torch.cat(levels)[:, None], spec)
+        level_images.append(turn_image(smooth[0, 0], tilts, step, (side, side)))
+    descriptors = describe(torch.cat(level_images)[:, None], spec)
     grid = descriptors.shape[2:]
     whitener = cached_whitener(background, *grid)
     cells = spec.cell_size[0]
-    of_levels = torch.cartesian_prod(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64))
-    level_scales, level_tilts = of_levels.unbind(1)
+    scales_and_tilts = torch.cartesian_prod(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64))
+    level_scales, level_tilts = scales_and_tilts.unbind(1)
     x, y = map_grid(
         centre_coordinates(grid, cells), level_scales * shrink, level_tilts
     )  # of cells on the turned photograph
@@ -124,7 +124,7 @@ def find_views(
     """
     own = photograph.own_background
     views = torch.stack([view_descriptors(model, elevation, own).flatten(1) for elevation in elevations])
-    off = around.scales.log2().square() + 4 * (around.centres / FILL).square().sum(1)
+    off = around.scales.log2().square() + 4 * (around.centres / CROP_FILL).square().sum(1)
     similarities = (views @ around.windows.T).double() * (1 - _OFFSET_PENALTY * off)  # (E, VIEW_COUNT, P)
     tilts, which = torch.unique(around.tilts, return_inverse=True)
     best = similarities.new_full((len(elevations), VIEW_COUNT, len(tilts)), -torch.inf)
@@ -144,7 +144,7 @@ def find_views(
     scale, tilt, centre = (part[at.flatten()[chosen]] for part in (around.scales, around.tilts, around.centres))
     seen_from = torch.tensor(elevations, dtype=torch.float64)[elevation]
     poses = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], seen_from)
-    poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, FILL * scale), tilt)
+    poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, CROP_FILL * scale), tilt)
     poses[:, 4:] += centre
     return poses, values[:count]
 

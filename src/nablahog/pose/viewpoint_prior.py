@@ -13,13 +13,13 @@ from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, build_network, check_weights
-from .background import FINE, pose_spec
-from .crop import SIDE
+from .background import FINE_CELL, pose_spec
+from .crop import CROP_SIDE
 from .model import VIEW_COUNT
 from .similarity import describe
 
-FILE = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
-WIDTH = 48  # channels of the first layer; the later ones have two and four times as many
+STORED_VIEWPOINTS = Path(__file__).with_name("default_viewpoints") / "chairs.npz"
+NETWORK_WIDTH = 48  # channels of the first layer; the later ones have two and four times as many
 _HIDDEN = 128
 _DROPPED = (0.4, 0.3)  # shares, in training, before the last two layers
 _WIDEST = 1024
@@ -32,14 +32,14 @@ class ViewpointNetwork(nn.Module):
     by their root mean square first: contrast has no influence.
     """
 
-    def __init__(self, channels: int, width: int = WIDTH) -> None:
+    def __init__(self, channels: int, width: int = NETWORK_WIDTH) -> None:
         super().__init__()
         widths = [channels, width, 2 * width, 2 * width, 4 * width, 4 * width]
         layers: list[nn.Module] = []
         for k, (before, after) in enumerate(pairwise(widths)):
             layers += [nn.Conv2d(before, after, 3, 2 - k % 2, padding=1), nn.BatchNorm2d(after), nn.ReLU()]
         self.features = nn.Sequential(*layers, nn.Flatten())
-        cells = SIDE // FINE // 8
+        cells = CROP_SIDE // FINE_CELL // 8
         self.azimuths = nn.Sequential(
             nn.Dropout(_DROPPED[0]),
             nn.Linear(widths[-1] * cells**2, _HIDDEN),
@@ -115,7 +115,7 @@ class ViewpointPrior(LearnedModel):
     learning: ViewpointLearning
 
     def __post_init__(self) -> None:
-        pose_spec(FINE).check_same(self.spec, f"the {self.NOUN}")
+        pose_spec(FINE_CELL).check_same(self.spec, f"the {self.NOUN}")
         if not 1 <= self.width <= _WIDEST:
             raise ValueError(f"the width must lie in 1…{_WIDEST}, got {self.width}")
         check_weights(self.weights, self._make)
@@ -145,12 +145,13 @@ class ViewpointPrior(LearnedModel):
         Raises:
             ValueError: they have another shape.
         """
-        if images.dim() != 4 or images.shape[1:] != (1, SIDE, SIDE):
-            raise ValueError(f"expected images of shape (B, 1, {SIDE}, {SIDE}), got {tuple(images.shape)}")
+        if images.dim() != 4 or images.shape[1:] != (1, CROP_SIDE, CROP_SIDE):
+            raise ValueError(f"expected images of shape (B, 1, {CROP_SIDE}, {CROP_SIDE}), got {tuple(images.shape)}")
         descriptors = describe(images, self.spec)
-        own, other = (self._network(cells).log_softmax(1) for cells in (descriptors, mirror_descriptors(descriptors)))
-        both: Tensor = (own + other.flip(1).roll(1, 1)).div(2).log_softmax(1)
-        return both
+        both_sides = descriptors, mirror_descriptors(descriptors)
+        own, mirrored = (self._network(side).log_softmax(1) for side in both_sides)
+        mean: Tensor = (own + mirrored.flip(1).roll(1, 1)).div(2).log_softmax(1)
+        return mean
 
 
 ViewpointChoice: TypeAlias = ViewpointPrior | Literal["default"] | None
@@ -166,7 +167,7 @@ def default_viewpoints() -> ViewpointPrior:
     >>> nablahog.pose.default_viewpoints().learning.scenes
     70000
     """
-    return ViewpointPrior.load(FILE)
+    return ViewpointPrior.load(STORED_VIEWPOINTS)
 
 
 def choose_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
@@ -176,7 +177,7 @@ def choose_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
         ValueError: it is no such choice.
     """
     if choice == "default":
-        return default_viewpoints() if FILE.exists() else None
+        return default_viewpoints() if STORED_VIEWPOINTS.exists() else None
     if choice is not None and not isinstance(choice, ViewpointPrior):
         raise ValueError(f"viewpoints must be a ViewpointPrior, 'default' or None, got {choice!r}")
     return choice

@@ -16,7 +16,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from .crop import FILL
+from .crop import CROP_FILL
 from .model import (
     DETAIL,
     VIEW_COUNT,
@@ -174,8 +174,8 @@ def compare_shares(
     """Similarities divided by the best refined pose's; without an ascent, by the best tilted pose's."""
     highest = max(hypothesis.similarity for hypothesis in tilted)
     started = [azimuth for hypothesis in refined for azimuth, _ in hypothesis.trace[:-1]]
-    others = [hypothesis for hypothesis in refined if hypothesis is not best]
-    shares = {hypothesis: hypothesis.similarity / max(best.similarity, 1e-9) for hypothesis in others}
+    rivals = [hypothesis for hypothesis in refined if hypothesis is not best]
+    shares = {hypothesis: hypothesis.similarity / max(best.similarity, 1e-9) for hypothesis in rivals}
     for hypothesis in tilted:
         if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in started) > 0:
             shares[hypothesis] = hypothesis.similarity / max(highest, 1e-9)
@@ -236,7 +236,7 @@ def recognizes_models(prior: ViewpointPrior, models: Sequence[PreparedModel]) ->
 def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     """Share of the views of a model whose azimuth the prior tells."""
     azimuths = equidistant_azimuths(_KNOWN_VIEWS)
-    poses = fit_to_box(level_poses(azimuths, _KNOWN_ELEVATION), model.hull, model.camera, FILL)
+    poses = fit_to_box(level_poses(azimuths, _KNOWN_ELEVATION), model.hull, model.camera, CROP_FILL)
     views = model.renderer(detail=DETAIL).render(poses, derivative=False).image[:, None]
     likely = prior.log_probabilities(views).argmax(1) * (360 / VIEW_COUNT)
     return float((signed_angles(likely - azimuths).abs() <= SAME_SIDE).double().mean())

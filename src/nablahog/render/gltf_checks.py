@@ -82,13 +82,13 @@ def check_tree(nodes: Sequence[Json]) -> None:
     parents = {child: number for number, node in enumerate(nodes) for child in node.get("children", ())}
     if len(parents) < sum(len(node.get("children", ())) for node in nodes):
         raise ValueError("its nodes are not a tree: one has two parents")
-    levels = 0
+    ancestors = 0
     for child in parents:
         depth = 0
         while child in parents:
             child, depth = parents[child], depth + 1
             if depth > MAX_NODE_DEPTH:
                 raise ValueError(f"its nodes are nested in more than {MAX_NODE_DEPTH} levels, or in a circle")
-        levels += depth
-        if levels > MAX_LEVELS:
+        ancestors += depth
+        if ancestors > MAX_LEVELS:
             raise ValueError(f"at most {MAX_LEVELS:,} ancestors are allowed, summed over all nodes")

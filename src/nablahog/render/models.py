@@ -22,7 +22,7 @@ from .mesh_file import ENDINGS
 SAMPLE_CHAIRS = Path(__file__).parents[1] / "io" / "chairs.npz"
 
 DEEPEST = 4  # folders below the one that is named
-CACHED = 1024  # meshes: reading one takes longer than many searches
+CACHED_MESHES = 1024  # meshes: reading one takes longer than many searches
 _ARCHIVE = ".npz"
 _FORMAT = 1  # of an archive
 _ARRAYS = ("format", "names", "ends", "vertices", "faces", "brightness")
@@ -58,7 +58,7 @@ class Model:
         return _read_mesh(self, file, state.st_mtime_ns, state.st_size)
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHED_MESHES)
 def _read_mesh(model: Model, file: Path, changed: int, size: int) -> Mesh:
     if file.suffix.lower() != _ARCHIVE:
         return load_mesh(file, up=model.up, front=model.front)
@@ -101,8 +101,8 @@ def read_models(
     """
     folder = Path(folder)
     check_folder(folder, "CAD models")
-    entries = list(_files_below(folder, DEEPEST))
-    files = sorted(entry for entry in entries if entry.suffix.lower() in ENDINGS)
+    files_below = list(_files_below(folder, DEEPEST))
+    files = sorted(file for file in files_below if file.suffix.lower() in ENDINGS)
     if not files:
         expected = f"{', '.join(ENDINGS)}, up to {DEEPEST} folders down"
         raise ValueError(f"{folder}: expected a folder of CAD models ({expected}), but it holds none")
@@ -110,9 +110,9 @@ def read_models(
     short = {path: _name(path.relative_to(folder).with_suffix("")) for path in files}
     count = Counter(short.values())
     paths = {short[path] if count[short[path]] == 1 else whole[path]: path for path in files}
-    ignored = [entry for entry in entries if entry not in whole and entry.suffix.lower() not in _BESIDE]
+    ignored = [file for file in files_below if file not in whole and file.suffix.lower() not in _BESIDE]
     models = [Model(name, path, up, front) for name, path in sorted(paths.items())]
-    return models, sorted(_name(entry.relative_to(folder)) for entry in ignored)
+    return models, sorted(_name(file.relative_to(folder)) for file in ignored)
 
 
 def _files_below(folder: Path, depth: int) -> Iterator[Path]:

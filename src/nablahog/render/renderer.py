@@ -28,7 +28,7 @@ _render = native.function(
 
 EdgeMethod: TypeAlias = Literal["edges", "opendr"]
 SUPERSAMPLING = 4
-LIGHT = Light()
+DEFAULT_LIGHT = Light()
 _ROUNDING = 1e-5  # by which a background may leave 0…1
 
 
@@ -84,7 +84,7 @@ class Renderer:
         mesh: Mesh,
         camera: Camera,
         *,
-        light: Light = LIGHT,
+        light: Light = DEFAULT_LIGHT,
         method: EdgeMethod = "edges",
         supersampling: int = SUPERSAMPLING,
     ) -> None:
@@ -201,7 +201,7 @@ def render(
     camera: Camera,
     *,
     background: float | Tensor = 1.0,
-    light: Light = LIGHT,
+    light: Light = DEFAULT_LIGHT,
     method: EdgeMethod = "edges",
     supersampling: int = SUPERSAMPLING,
 ) -> Tensor:

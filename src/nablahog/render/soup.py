@@ -145,10 +145,10 @@ def _is_ear(flat: Floats, at: int) -> bool:
     sides = np.roll(ear, -1, 0) - ear
     if sides[0, 0] * sides[1, 1] <= sides[0, 1] * sides[1, 0]:
         return False
-    others = np.delete(flat, [(at - 1) % n, at, (at + 1) % n], 0)[:, None] - ear  # (n - 3, 3, 2)
-    inside = (sides[:, 0] * others[..., 1] >= sides[:, 1] * others[..., 0]).all(1)
-    corner = (others == 0).all(2).any(1)  # another corner at the same place, where a slit ends
-    return not (inside & ~corner).any()
+    corners = np.delete(flat, [(at - 1) % n, at, (at + 1) % n], 0)[:, None] - ear  # (n - 3, 3, 2)
+    inside = (sides[:, 0] * corners[..., 1] >= sides[:, 1] * corners[..., 0]).all(1)
+    coincides = (corners == 0).all(2).any(1)  # another corner at the same place, where a slit ends
+    return not (inside & ~coincides).any()
 
 
 def find_distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:

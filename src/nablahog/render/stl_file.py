@@ -44,8 +44,8 @@ def _facet_brightness(header: bytes, attributes: NDArray[np.uint16]) -> Floats:
     if not key or len(colour) < 3:
         return np.full(len(attributes), BRIGHTNESS)
     own = (attributes[:, None] >> np.array([0, 5, 10]) & 31) / 31  # red in the lowest bits
-    levels = np.where(attributes[:, None] & 2**15, np.frombuffer(colour, np.uint8, 3) / 255, own)
-    gray: Floats = levels @ np.array(GRAY)
+    colours = np.where(attributes[:, None] & 2**15, np.frombuffer(colour, np.uint8, 3) / 255, own)
+    gray: Floats = colours @ np.array(GRAY)
     return gray
 
 

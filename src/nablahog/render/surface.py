@@ -59,8 +59,8 @@ def mesh_edges(mesh: Mesh) -> Edges:
     a, b, c = weld_vertices(places)[_values(mesh.faces)].T
     proper = (a != b) & (b != c) & (c != a)
     a, b, c = a[proper], b[proper], c[proper]
-    one, other, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
-    key = np.maximum(one, other) * len(places) + np.minimum(one, other)
+    start, end, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
+    key = np.maximum(start, end) * len(places) + np.minimum(start, end)
     order = np.argsort(key, kind="stable")
     key, opposite = key[order], opposite[order]
     starts = np.flatnonzero(np.diff(key, prepend=-1))
@@ -117,7 +117,7 @@ def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
     corner = np.argsort(vertex, kind="stable")  # the corners at a vertex follow each other
     vertex, face = vertex[corner], corner // 3
     unit = (normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))[face]
-    entries = [(corner, face, np.ones(len(corner)))]
+    groups = [(corner, face, np.ones(len(corner)))]
     sizes = np.bincount(vertex)[vertex]
     first = np.flatnonzero((sizes > 1) & (sizes <= _MAX_FACES_AT_VERTEX))
     for offset in range(1, _MAX_FACES_AT_VERTEX):  # pairs of a corner and the one so many after it
@@ -127,10 +127,10 @@ def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
             break
         cosine = (unit[first] * unit[first + offset]).sum(axis=1)
         joined = np.abs(cosine) >= _CREASE_COSINE
-        one, other, sign = first[joined], first[joined] + offset, np.sign(cosine[joined])
-        entries += [(corner[one], face[other], sign), (corner[other], face[one], sign)]
+        before, after, sign = first[joined], first[joined] + offset, np.sign(cosine[joined])
+        groups += [(corner[before], face[after], sign), (corner[after], face[before], sign)]
     device = mesh.vertices.device
-    return SmoothingGroups(*(torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*entries, strict=True)))
+    return SmoothingGroups(*(torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*groups, strict=True)))
 
 
 def face_normals(mesh: Mesh) -> Tensor:

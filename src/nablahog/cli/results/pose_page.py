@@ -13,7 +13,7 @@ from ...hog import HOGSpec
 from ...hog.box import Box
 from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
-from ...pose.crop import FILL, SIDE, ObjectCrop, crop_object
+from ...pose.crop import CROP_FILL, CROP_SIDE, ObjectCrop, crop_object
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
@@ -46,7 +46,7 @@ def pose_page(
 ) -> str:
     """The page as HTML; the photograph is (C, H, W) in 0…1 or uint8, the mesh that of the best of the candidates."""
     known = estimate.camera.focal, estimate.principal_point
-    matched = PreparedPhotograph(crop_object(photograph, estimate.box, SIDE, FILL, *known))
+    matched = PreparedPhotograph(crop_object(photograph, estimate.box, CROP_SIDE, CROP_FILL, *known))
     spec = matched.background.spec
     settings = {
         "method": method,
@@ -124,7 +124,8 @@ def close_up(
 ) -> tuple[ObjectCrop, Tensor, NDArray[np.float64]]:
     """A crop of ``side`` pixels, ``fill`` of them the box's longer side; the pose in it; the model's outline on it."""
     known = estimate.camera.focal, estimate.principal_point
-    crop, pose = crop_object(photograph, estimate.box, side, fill, *known), _scaled(estimate.crop_pose, fill / FILL)
+    crop = crop_object(photograph, estimate.box, side, fill, *known)
+    pose = _scaled(estimate.crop_pose, fill / CROP_FILL)
     return crop, pose, _outlined(crop.image[0], mesh, pose, crop.camera)
 
 
