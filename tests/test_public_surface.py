@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tests.generated import write
 from tests.public_surface import surface
 
 STORED = Path(__file__).with_name("public_surface.json")
@@ -22,7 +21,3 @@ def test_the_public_surface_is_the_stored_one() -> None:
         f"the public surface has changed in {', '.join(changed)}: if that is meant, run `make generated` "
         "and say so in CHANGELOG.md"
     )
-
-
-if __name__ == "__main__":
-    write()
