@@ -22,7 +22,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "runtime": set(),
     "hog": {"runtime"},  # no optimiser
     "io": {"hog", "runtime"},
-    "metrics": {"io", "runtime"},
+    "metrics": {"runtime"},
     "optimize": {"runtime"},
     "render": {"io", "runtime"},  # no HOG
     "viz": {"hog", "io", "runtime"},
