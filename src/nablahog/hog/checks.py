@@ -26,7 +26,7 @@ def check_fields(part: Any, *unchecked: str) -> None:
     if type(part) not in _CHECKS:
         hints = get_type_hints(type(part))  # of class variables, too, which stay the class's
         kinds = {field.name: hints[field.name] for field in fields(part)}
-        _CHECKS[type(part)] = {field: (get_origin(kind) or kind, _check_of(kind)) for field, kind in kinds.items()}
+        _CHECKS[type(part)] = {field: (get_origin(kind) or kind, _find_check(kind)) for field, kind in kinds.items()}
     for field, (kind, check) in _CHECKS[type(part)].items():
         value = _plain(getattr(part, field))
         object.__setattr__(part, field, value)
@@ -43,7 +43,7 @@ def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, tuple | list) else value
 
 
-def _check_of(kind: Any) -> Callable[[str, object], None] | None:
+def _find_check(kind: Any) -> Callable[[str, object], None] | None:
     if get_origin(kind) is Literal:
         return partial(check_choice, choices=kind)
     return {bool: check_truth, float: check_positive, tuple[int, int]: check_pair}.get(kind)

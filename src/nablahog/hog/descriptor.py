@@ -14,7 +14,7 @@ from . import triton as gpu
 from .checks import check_choice
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
 from .inputs import WHITE, ArrayImage, as_spec, image_batch, to_array, warn_about_range
-from .kernels.loops import engine_of
+from .kernels.loops import find_loops
 from .layout import to_layout
 from .spec import COLOURS, HOGSpec
 from .steps import histograms_reference, merge_colours, normalize_reference, separate_colours, spread_nan
@@ -160,7 +160,7 @@ def _uses_triton(device: torch.device, backend: Backend) -> bool:
 
 def _choose_engine(x: Tensor, spec: HOGSpec, backend: Backend) -> Engine:
     if backend == "auto" and x.is_cpu:
-        return engine_of(spec)
+        return find_loops(spec)
     if not _uses_triton(x.device, backend):
         return REFERENCE
     from .triton.steps import TRITON_ENGINE
@@ -229,7 +229,7 @@ def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:
     if spec.colour == "separate":
         images, tangents = separate_colours(images), separate_colours(tangents)
         return _join_colours(histograms_jvp(images, tangents, spec.single_colour), spec)
-    step = engine_of(spec).cells if images.is_cpu else None
+    step = find_loops(spec).cells if images.is_cpu else None
     if step is not None:
         return run_jvp(step, images.detach(), tangents, spec).permute(0, 3, 1, 2)
     load_forward_mode()

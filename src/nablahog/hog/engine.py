@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import torch
@@ -36,6 +36,12 @@ class Step(ABC):
 
     def __init__(self, spec: HOGSpec, shape: torch.Size, stored: torch.dtype, real: torch.dtype) -> None:
         self.spec = spec
+
+    @cached_property
+    def derivative_spec(self) -> HOGSpec:
+        """The dialect whose derivative is meant."""
+        jumps = self.spec.vote == "hard" and self.spec.derivative == "linear"
+        return self.spec.with_linear_votes() if jumps else self.spec
 
     @abstractmethod
     def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:

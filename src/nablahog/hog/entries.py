@@ -67,8 +67,8 @@ class CellAlignment:
 
     def __init__(self, spec: HOGSpec, size: tuple[int, int], like: Tensor) -> None:
         pooling = spec.pooling
-        self.same, self.blocks = pooling.interpolates, pooling.has_blocks
-        if self.same:
+        self.is_tiling, self.blocks = pooling.interpolates, pooling.has_blocks
+        if self.is_tiling:
             return
         axes = pooling_axes(spec, *size, like)
         # mean weight of its pixels' votes
@@ -82,17 +82,17 @@ class CellAlignment:
 
     def __call__(self, histograms: Tensor) -> Tensor:
         """The dialect's cells (B, bins, rows, cols) to tiling cells."""
-        if self.same:
+        if self.is_tiling:
             return histograms
         has_votes = self.weights > 0  # a cell in a ring that casts no votes has none
-        alike = torch.where(has_votes, histograms / torch.where(has_votes, self.weights, 1), 0)
+        tiling_cells = torch.where(has_votes, histograms / torch.where(has_votes, self.weights, 1), 0)
         if not self.blocks:
-            return alike
-        return self._summed(alike) / self._summed(torch.ones_like(alike[:1, :1])).clamp(min=1)
+            return tiling_cells
+        return self._summed(tiling_cells) / self._summed(torch.ones_like(tiling_cells[:1, :1])).clamp(min=1)
 
     def restore(self, histograms: Tensor) -> Tensor:
         """Tiling cells to the dialect's cells."""
-        if self.same:
+        if self.is_tiling:
             return histograms
         return (histograms[:, :, self.rows][..., self.cols] if self.blocks else histograms) * self.weights
 

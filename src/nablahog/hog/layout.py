@@ -11,7 +11,7 @@ from .inputs import Descriptors, as_spec, descriptor_tensor, to_array
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec
 
-PATCH_CELLS = 2  # cells of the side of a transformer's patch
+TOKEN_CELLS = 2  # cells of the side of a transformer's patch
 
 
 class _Arrangement(NamedTuple):
@@ -32,10 +32,10 @@ def _arrangement(spec: HOGSpec, rows: int, cols: int) -> _Arrangement:
         bins = channels // COLOURS
         return _Arrangement((rows, cols, COLOURS, bins), (2, 3, 0, 1), (COLOURS, bins, rows, cols))
     if spec.layout == "tokens":
-        if rows % PATCH_CELLS or cols % PATCH_CELLS:
+        if rows % TOKEN_CELLS or cols % TOKEN_CELLS:
             raise ValueError(f"the layout 'tokens' needs even numbers of rows and columns of cells, got {rows}x{cols}")
-        sizes = rows // PATCH_CELLS, PATCH_CELLS, cols // PATCH_CELLS, PATCH_CELLS, channels
-        return _Arrangement(sizes, (0, 2, 4, 1, 3), (rows * cols // PATCH_CELLS**2, channels * PATCH_CELLS**2))
+        sizes = rows // TOKEN_CELLS, TOKEN_CELLS, cols // TOKEN_CELLS, TOKEN_CELLS, channels
+        return _Arrangement(sizes, (0, 2, 4, 1, 3), (rows * cols // TOKEN_CELLS**2, channels * TOKEN_CELLS**2))
     assert spec.normalizer.layout_block is not None  # HOGSpec has checked it
     sizes = rows, cols, *spec.normalizer.layout_block, spec.bins
     order = (1, 0, 3, 2, 4) if spec.layout == "opencv-vector" else (0, 1, 2, 3, 4)

@@ -18,7 +18,7 @@ from .spec import HOGSpec
 
 
 @lru_cache(maxsize=64)
-def _spec_of(text: str) -> HOGSpec:
+def _parse_spec(text: str) -> HOGSpec:
     """The dialect of an operator's string."""
     spec = HOGSpec.from_json(text)
     if spec.colours > 1:
@@ -31,7 +31,7 @@ def _step(name: str, images: Tensor, text: str) -> Step:
     engine = NATIVE_ENGINE
     if images.is_cuda:
         from .triton.steps import EXPORTED_ENGINE as engine
-    return make_step(getattr(engine, name), _spec_of(text), images.shape[1:], images.dtype, real_dtype(images.dtype))
+    return make_step(getattr(engine, name), _parse_spec(text), images.shape[1:], images.dtype, real_dtype(images.dtype))
 
 
 def _operator(name: str, shape: Callable[[HOGSpec, int, int], tuple[int, ...]]) -> Any:
@@ -48,7 +48,7 @@ def _operator(name: str, shape: Callable[[HOGSpec, int, int], tuple[int, ...]]) 
 
     @run.register_fake
     def _(images: Tensor, spec: str) -> Tensor:
-        size = images.shape[0], *shape(_spec_of(spec), *images.shape[2:])
+        size = images.shape[0], *shape(_parse_spec(spec), *images.shape[2:])
         return images.new_empty(size, dtype=real_dtype(images.dtype))
 
     @vjp.register_fake

@@ -111,11 +111,11 @@ def opencv_angle(gx: Tensor, gy: Tensor, spec: HOGSpec) -> Tensor:
 
 def _opencv_shares(gx: Tensor, gy: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     """Shares by OpenCV's arctangent, with the derivative of the exact angle."""
-    theirs = opencv_angle(gx.detach(), gy.detach(), spec)
-    nearest = theirs.round()
+    opencv_position = opencv_angle(gx.detach(), gy.detach(), spec)
+    nearest = opencv_position.round()
     r = _position(gx, gy, spec) - nearest
     r = r - spec.bins * (r / spec.bins).detach().round()  # their angles begin elsewhere
-    return _shares(nearest, r + (theirs - nearest - r).detach(), spec)
+    return _shares(nearest, r + (opencv_position - nearest - r).detach(), spec)
 
 
 def vlfeat_directions(spec: HOGSpec) -> npt.NDArray[np.float32]:

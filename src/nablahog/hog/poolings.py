@@ -108,8 +108,8 @@ class Pooling(ABC):
 
     def places(self, cells: int, cell: int, axis: int) -> list[int]:
         """Which of the cells side by side in the image each cell along an axis is; the nearest if between two."""
-        step, of_block = self.spacing(cell, axis)
-        return [round(k // of_block * step / cell) + k % of_block for k in range(cells)]
+        step, block_cells = self.spacing(cell, axis)
+        return [round(k // block_cells * step / cell) + k % block_cells for k in range(cells)]
 
 
 @dataclass(frozen=True)
@@ -268,9 +268,9 @@ class BlockCells(Pooling):
         """The cells of all blocks that a pixel is in, block by block."""
         import torch
 
-        block, step, of_block = self.block[axis], self.step[axis], self.block[axis] // cell
+        block, step, block_cells = self.block[axis], self.step[axis], self.block[axis] // cell
         inside = torch.arange(block, device=like.device)
-        own = torch.arange(of_block, device=like.device)
+        own = torch.arange(block_cells, device=like.device)
         first, shares = triangles(block, cell, like)
         before, after = (torch.where(first.unsqueeze(1) + k == own, shares[:, k : k + 1], 0) for k in (0, 1))
         gauss = torch.exp(-((inside.to(like.dtype) - block / 2) ** 2) / (2 * self.sigma**2))
@@ -282,7 +282,7 @@ class BlockCells(Pooling):
         weights = weights[torch.where((place >= 0) & (place < block), place, block)].flatten(1)
         if ring:
             weights[:1] = weights[-1:] = 0
-        return Taps(first_block * of_block, weights)
+        return Taps(first_block * block_cells, weights)
 
     def reach(self, cell: int, axis: int) -> tuple[int, int]:
         return 0, self.block[axis]

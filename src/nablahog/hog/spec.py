@@ -141,8 +141,8 @@ class HOGSpec:
         self.pooling.check(self.cell_size, self.normalizer)
         if self.layout == "colour-planes" and self.colour != "separate":
             raise ValueError(f"the layout 'colour-planes' goes with colour 'separate', got {self.colour!r}")
-        of_blocks = self.normalizer.layout_block is not None and self.colour != "separate"
-        if self.layout in ("blocks", "block-vector", "opencv-vector") and not of_blocks:
+        has_blocks = self.normalizer.layout_block is not None and self.colour != "separate"
+        if self.layout in ("blocks", "block-vector", "opencv-vector") and not has_blocks:
             raise ValueError(f"the layout {self.layout!r} goes with a BlockNorm, and not with colour 'separate'")
 
     @property
@@ -270,7 +270,7 @@ class HOGSpec:
 def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
     """``part`` is of one of the classes listed."""
     if type(part) not in kinds.values():
-        names = ", ".join(each.__name__ for each in kinds.values())
+        names = ", ".join(part_class.__name__ for part_class in kinds.values())
         raise ValueError(f"{field} must be one of {names}, got {shortened(part)}")
 
 

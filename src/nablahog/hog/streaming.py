@@ -96,7 +96,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTE
     double = reader.stored == np.float64 or (reader.stored == np.uint8 and torch.get_default_dtype() == torch.float64)
     strips = Strips(spec, height, width, torch.float64 if double else torch.float32)
     rows = memory // _bytes_of_row(spec, reader, 8 if double else 4)
-    return _strips(reader, spec, list(strips.split(max((rows - strips.margin) // strips.apart, 1))))
+    return _strips(reader, spec, list(strips.split(max((rows - strips.margin) // strips.row_distance, 1))))
 
 
 class _Reader:
@@ -147,12 +147,12 @@ def _release_pages(image: object) -> None:
 def _bytes_of_row(spec: HOGSpec, reader: _Reader, size: int) -> int:
     """Rough number of bytes for a row of pixels, its histograms and descriptor; numbers have ``size`` bytes."""
     height, width, channels = reader.shape
-    (of_cells, columns), (rows, cols) = spec.cells(height, width), spec.grid(height, width)
+    (cell_rows, cell_cols), (rows, cols) = spec.cells(height, width), spec.grid(height, width)
     # twice: the pages of a mapped file, too
     read = width * (2 * channels + (spec.colours if spec.colours > 1 else 0)) * reader.stored.itemsize
     converted = width * channels * size if reader.stored == np.uint8 and size == 8 else 0
     # four copies of histograms: two rows of cells for each band, those of the image, and those in a row
-    histograms = 4 * math.ceil(of_cells * columns * spec.colours * spec.bins * size / height)
+    histograms = 4 * math.ceil(cell_rows * cell_cols * spec.colours * spec.bins * size / height)
     return read + converted + histograms + 2 * math.ceil(rows * cols * spec.channels * size / height)
 
 

@@ -58,7 +58,7 @@ class Strips:
 
     Attributes:
         total: rows of the whole descriptor.
-        apart: rows of pixels from one row of the descriptor to the next.
+        row_distance: rows of pixels from one row of the descriptor to the next.
         margin: rows of pixels that a strip may need in addition.
 
     Raises:
@@ -78,14 +78,14 @@ class Strips:
         self._bands: _Bands = _bands(spec, min(width, wide), dtype)
         self._below = self._bands.longest + self._after + 1  # the last row that votes: a band, a row for its gradient
         self._unit = math.lcm(self._bands.period, pooling.tile)
-        self.apart = self._footprint.step // self._at_once * self._step
+        self.row_distance = self._footprint.step // self._at_once * self._step
         cells = self._footprint.extent + 2 * max(self._reach, 1)
         most = cells * self._step + self._before + self._after + self._unit
         self.margin = most + self._bands.settled + self._below
 
     def split(self, rows: int) -> Iterator[Strip]:
         """All strips from the top, of about ``rows`` rows, at least 1; rounded so that most crops are of one size."""
-        even = self._unit // math.gcd(self._unit, self.apart)
+        even = self._unit // math.gcd(self._unit, self.row_distance)
         rows = max(rows // even * even, min(rows, even))
         return (self._strip(Span(first, min(first + rows, self.total))) for first in range(0, self.total, rows))
 

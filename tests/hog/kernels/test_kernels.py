@@ -19,7 +19,7 @@ from torch.testing import assert_close
 from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
 from nablahog.hog.descriptor import Backend, histograms, normalize
 from nablahog.hog.engine import REFERENCE
-from nablahog.hog.kernels.loops import NATIVE_ENGINE, engine_of, supports
+from nablahog.hog.kernels.loops import NATIVE_ENGINE, find_loops, supports
 from nablahog.hog.normalizers import PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
@@ -163,8 +163,8 @@ def test_any_strides(name: str) -> None:
 
 def test_which_dialects_have_loops() -> None:
     assert [name for name, s in SPECS.items() if not supports(s)] == ["sobel", "sobel-separate"]
-    assert engine_of(SPECS["sobel"]) is REFERENCE
-    assert engine_of(SPECS["uoctti"]) is NATIVE_ENGINE
+    assert find_loops(SPECS["sobel"]) is REFERENCE
+    assert find_loops(SPECS["uoctti"]) is NATIVE_ENGINE
 
 
 @pytest.mark.parametrize("signed", [False, True])

@@ -65,9 +65,7 @@ class _ImageStep(Step):
 
     @cached_property
     def derivative_tables(self) -> ImageTables:
-        """Of the dialect whose derivative is meant."""
-        jumps = self.spec.vote == "hard" and self.spec.derivative == "linear"
-        return self._make_tables(self.spec.with_linear_votes()) if jumps else self.tables
+        return self.tables if self.derivative_spec is self.spec else self._make_tables(self.derivative_spec)
 
     def run(self, x: Tensor, saves: bool = True) -> OutputAndSaved:
         """Descriptors and cells, or cells and nothing."""
@@ -172,7 +170,7 @@ NATIVE_ENGINE = Engine(NativeCells, NativeNorm, NativeDescribe)
 _CELLS_ALONE = Engine(NativeCells)
 
 
-def engine_of(spec: HOGSpec) -> Engine:
+def find_loops(spec: HOGSpec) -> Engine:
     """The steps of a dialect that have loops."""
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
     if smoothed_border or not native.available():
@@ -182,7 +180,7 @@ def engine_of(spec: HOGSpec) -> Engine:
 
 def supports(spec: HOGSpec) -> bool:
     """Whether these loops have all that the dialect needs, except perhaps its normaliser."""
-    return engine_of(spec) is not REFERENCE
+    return find_loops(spec) is not REFERENCE
 
 
 def add_energy(values: NDArray[Any], total: float) -> float:

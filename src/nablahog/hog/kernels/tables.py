@@ -138,10 +138,6 @@ class NormTables:
         self._alive.append(array)
         return int(array.ctypes.data)
 
-    def empty(self, batch: int, *shape: int) -> torch.Tensor:
-        """Memory for a result of the loops."""
-        return torch.empty((batch, *shape), dtype=self.dtype, device="cpu")
-
 
 class ImageTables(NormTables):
     """``nablahog_tables`` of a dialect, an image size and a dtype.

@@ -87,7 +87,7 @@ class BlockNorm(Normalizer):
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
         cells = [(row, col) for row in range(self.block[0]) for col in range(self.block[1])]
-        return [f"cell {row}, {col} of the block: {each}" for row, col in cells for each in bins]
+        return [f"cell {row}, {col} of the block: {orientation}" for row, col in cells for orientation in bins]
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The mean over all blocks that a cell is in; of cells between blocks 0."""
@@ -98,9 +98,9 @@ class BlockNorm(Normalizer):
         size = self.footprint(0).cells(rows), self.footprint(1).cells(cols)
         if self.form == "L1-sqrt":
             channels = channels.square()
-        of_block = self.block[0] * self.block[1]
-        blocks = channels.reshape(batch, of_block, bins, rows * cols).transpose(1, 2).flatten(1, 2)
-        counts = fold(torch.ones_like(blocks[:1, :of_block]), size, self.block, stride=self.step).clamp(min=1)
+        block_cells = self.block[0] * self.block[1]
+        blocks = channels.reshape(batch, block_cells, bins, rows * cols).transpose(1, 2).flatten(1, 2)
+        counts = fold(torch.ones_like(blocks[:1, :block_cells]), size, self.block, stride=self.step).clamp(min=1)
         return fold(blocks, size, self.block, stride=self.step) / counts
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ PARTS: tuple[Part, ...] = get_args(Part)
 HISTOGRAMS: tuple[Part, ...] = ("directed", "undirected", "blocks")
 VLFEAT_TEXTURE = 1 / math.sqrt(18)  # made for 18 directions; VLFeat keeps it for any number
 DPM_TEXTURE = 0.2357  # the same, to four decimals
-BLOCKS = ("up-left", "up-right", "down-left", "down-right")
+BLOCK_NAMES = ("up-left", "up-right", "down-left", "down-right")
 DPM_ORDER = [3, 1, 2, 0]  # of the blocks
 in_dpm_order = itemgetter(*DPM_ORDER)
 
@@ -90,7 +90,7 @@ class FourBlockNorm(Normalizer):
         """Whether some channel is made from directed histograms."""
         return "directed" in self.parts or (self.texture == "dpm" and "texture" in self.parts)
 
-    def channels_of(self, part: Part, bins: int, signed: bool) -> int:
+    def part_channels(self, part: Part, bins: int, signed: bool) -> int:
         """Channels of one part, 0 if it is left out: of n orientations over 180° these are 2n, n, 4, 4n and 1."""
         if part not in self.parts:
             return 0
@@ -98,7 +98,7 @@ class FourBlockNorm(Normalizer):
         return {"directed": 2 * n, "undirected": n, "texture": 4, "blocks": 4 * n, "zero": 1}[part]
 
     def channels(self, bins: int, signed: bool) -> int:
-        return sum(self.channels_of(part, bins, signed) for part in PARTS)
+        return sum(self.part_channels(part, bins, signed) for part in PARTS)
 
     def footprint(self, axis: int) -> Footprint:
         return Footprint(margin=1 if self.outside == "drop" else 0)
@@ -119,7 +119,7 @@ class FourBlockNorm(Normalizer):
         def blocks(entries: Tensor) -> Tensor:
             return clipped(entries.unsqueeze(1) * factors, self.clip)  # (B, 4, bins, rows, cols)
 
-        made: dict[Part, Callable[[], Tensor]] = {
+        makers: dict[Part, Callable[[], Tensor]] = {
             "directed": lambda: blocks(histograms).sum(dim=1) / 2,
             "undirected": lambda: blocks(undirected).sum(dim=1) / 2,
             "texture": lambda: (
@@ -130,7 +130,7 @@ class FourBlockNorm(Normalizer):
             "blocks": lambda: blocks(undirected).flatten(1, 2),
             "zero": lambda: torch.zeros_like(histograms[:, :1]),
         }
-        return torch.cat([made[part]() for part in self.parts], dim=1)
+        return torch.cat([makers[part]() for part in self.parts], dim=1)
 
     def _block_factors(self, undirected: Tensor) -> Tensor:
         """Factors of each cell from its blocks up-left, up-right, down-left, down-right: (B, 4, 1, r, c)."""
@@ -154,18 +154,20 @@ class FourBlockNorm(Normalizer):
         return torch.stack([top[..., :-1], top[..., 1:], bottom[..., :-1], bottom[..., 1:]], dim=1)
 
     def channel_names(self, bins: list[str], axes: list[str]) -> list[str]:
-        of_parts: dict[Part, list[str]] = {
-            "directed": [f"directed: {each}" for each in bins],
-            "undirected": [f"undirected: {each}" for each in axes],
-            "texture": [f"texture: block {BLOCKS[k]}" for k in (range(4) if self.texture == "vlfeat" else DPM_ORDER)],
-            "blocks": [f"block {block}: {each}" for block in BLOCKS for each in axes],
+        names: dict[Part, list[str]] = {
+            "directed": [f"directed: {orientation}" for orientation in bins],
+            "undirected": [f"undirected: {orientation}" for orientation in axes],
+            "texture": [
+                f"texture: block {BLOCK_NAMES[k]}" for k in (range(4) if self.texture == "vlfeat" else DPM_ORDER)
+            ],
+            "blocks": [f"block {block}: {orientation}" for block in BLOCK_NAMES for orientation in axes],
             "zero": ["always 0"],
         }
-        return [name for part in self.parts for name in of_parts[part]]
+        return [name for part in self.parts for name in names[part]]
 
     def split(self, channels: Tensor, bins: int, signed: bool) -> dict[Part, Tensor]:
         """Channels (B, channels, rows, cols) by their parts."""
-        lengths = [self.channels_of(part, bins, signed) for part in self.parts]
+        lengths = [self.part_channels(part, bins, signed) for part in self.parts]
         return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=1), strict=True))
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
@@ -207,7 +209,7 @@ class FourBlockNorm(Normalizer):
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε, the clip, the texture and its order, where parts begin (-1 if left out), and what changes at the edge."""
-        counts = [self.channels_of(part, bins, signed) for part in PARTS]
+        counts = [self.part_channels(part, bins, signed) for part in PARTS]
         begins = [sum(counts[:k]) if count else -1 for k, count in enumerate(counts)]
         dpm = self.texture == "dpm"
         order = [DPM_ORDER.index(block) if dpm else block for block in range(4)]

@@ -13,7 +13,7 @@ from ..spec import Colour, HOGSpec, Vote
 
 Variant: TypeAlias = Literal["uoctti", "dalaltriggs"]
 
-_BASE = HOGSpec(
+_UOCTTI = HOGSpec(
     name="uoctti",
     value_range=255.0,
     colour="largest",
@@ -53,7 +53,7 @@ def uoctti(
     ((8, 8), (16, 8), 31)
     """
     return replace(
-        _BASE,
+        _UOCTTI,
         colour=colour,
         bins=2 * orientations,
         vote=vote,
@@ -130,7 +130,7 @@ def vlfeat(
     }
     check_choice("variant", variant, Variant)
     return replace(
-        _BASE,
+        _UOCTTI,
         name="vlfeat" if variant == "uoctti" else "vlfeat-dalaltriggs",
         bins=2 * orientations if variant == "uoctti" else orientations,
         signed=variant == "uoctti",
@@ -158,7 +158,7 @@ def dpm(cell_size: int = 8) -> HOGSpec:
     ((8, 8), (14, 6), 32)
     """
     return replace(
-        _BASE,
+        _UOCTTI,
         name="dpm",
         cell_size=pair(cell_size),
         normalizer=FourBlockNorm(parts=("directed", "undirected", "texture", "zero"), texture="dpm", outside="drop"),
@@ -188,7 +188,7 @@ def dlib(cell_size: int = 8) -> HOGSpec:
             f"cell_size must be at least 2: dlib makes another descriptor of cells of one, got {cell_size}"
         )
     return replace(
-        _BASE,
+        _UOCTTI,
         name="dlib",
         cell_size=pair(cell_size),
         normalizer=FourBlockNorm(texture="dpm", outside="drop"),
@@ -218,7 +218,7 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
     ((8, 8), (16, 8), 32)
     """
     return replace(
-        _BASE,
+        _UOCTTI,
         name="piotr",
         # his gradients are halved and his histograms divided by the pixels of a cell, but so is the root of his ε
         value_range=1.0,
@@ -253,7 +253,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
     if cell_size % 2:
         raise ValueError(f"cell_size must be even, got {cell_size}")
     return replace(
-        _BASE,
+        _UOCTTI,
         name="cnn-hogb" if bilinear else "cnn-hog",
         value_range=127.5,  # their gradients are halved
         colour="gray",
@@ -284,7 +284,7 @@ def seeing3d(cell_size: int = 5) -> HOGSpec:
     ((5, 5), (24, 11), 9)
     """
     return replace(
-        _BASE,
+        _UOCTTI,
         name="seeing3d",
         value_range=1.0,
         bins=9,

@@ -57,21 +57,21 @@ def _around(above, row, below, d: tl.constexpr, READING: tl.constexpr):
 
 
 @triton.jit
-def _spoilt(row, so_far, READING: tl.constexpr):
+def _spread_nan(row, zero_or_nan, READING: tl.constexpr):
     """NaN once a value, but for the outermost two columns, is not finite."""
     count: tl.constexpr = len(row[0])
     described: tl.constexpr = READING.channels
     for k in tl.static_range(described):
         for d in tl.static_range(1, count - 1):
-            so_far = tl.fma(row[k][d], 0.0, so_far)
-    return so_far
+            zero_or_nan = tl.fma(row[k][d], 0.0, zero_or_nan)
+    return zero_or_nan
 
 
 @triton.jit
-def _spoilt_outside(pixels, size, strides, seen, program, programs, so_far, channels):
-    """NaN if a pixel in the program's share of what is outside of the rectangle ``seen`` is not finite."""
-    tops, bottoms = (0, seen[1], seen[0], seen[0]), (seen[0], size[0], seen[1], seen[1])
-    lefts, rights = (0, 0, 0, seen[3]), (size[1], size[1], seen[2], size[1])
+def _spread_nan_outside(pixels, size, strides, voting, program, programs, zero_or_nan, channels):
+    """NaN if a pixel in the program's share of what is outside of the rectangle ``voting`` is not finite."""
+    tops, bottoms = (0, voting[1], voting[0], voting[0]), (voting[0], size[0], voting[1], voting[1])
+    lefts, rights = (0, 0, 0, voting[3]), (size[1], size[1], voting[2], size[1])
     for side in tl.static_range(4):
         wide = rights[side] - lefts[side]
         count = (bottoms[side] - tops[side]).to(tl.int64) * wide
@@ -80,30 +80,30 @@ def _spoilt_outside(pixels, size, strides, seen, program, programs, so_far, chan
             y, x = tops[side] + place // tl.maximum(wide, 1), lefts[side] + place % tl.maximum(wide, 1)
             at = pixels + (y * strides[1] + x * strides[2])
             for _ in range(channels):
-                so_far = tl.fma(tl.load(at, mask=place < count, other=0).to(so_far.dtype), 0.0, so_far)
+                zero_or_nan = tl.fma(tl.load(at, mask=place < count, other=0).to(zero_or_nan.dtype), 0.0, zero_or_nan)
                 at += strides[0]
-    return so_far
+    return zero_or_nan
 
 
 @triton.jit
-def _for_both(low, of_low, of_after):
+def _order_by_parity(low, vote_low, vote_after):
     """Votes for a bin and the bin after it, as those for the even and for the odd one of the two.
 
     So each bin asks for one vote only.  Returns the even bin, its vote, the bin before the odd one, the odd one's vote.
     """
     odd = (low & 1) == 1
-    return (low + 1) & -2, tl.where(odd, of_after, of_low), low & -2, tl.where(odd, of_low, of_after)
+    return (low + 1) & -2, tl.where(odd, vote_after, vote_low), low & -2, tl.where(odd, vote_low, vote_after)
 
 
 @triton.jit
 def _votes(gx, gy, VOTES: tl.constexpr, VOTING: tl.constexpr):
-    """Bins of pixels and the votes for them; linear votes as :func:`_for_both` returns them."""
+    """Bins of pixels and the votes for them; linear votes as :func:`_order_by_parity` returns them."""
     if VOTING.exact:
         votes = votes_of_even_and_odd(gx, gy, VOTING)
     else:
         m, inverse = magnitude(gx, gy)
         low, f, _, _ = VOTES(gx, gy, inverse, VOTING)
-        votes = (low, m) if VOTING.hard else _for_both(low, m - f * m, f * m)
+        votes = (low, m) if VOTING.hard else _order_by_parity(low, m - f * m, f * m)
     return votes
 
 
@@ -121,7 +121,7 @@ def _add_votes(total, votes, number: tl.constexpr, first: tl.constexpr, step: tl
 
 
 @triton.jit
-def _of_bin(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr):
+def _sum_votes(votes, k: tl.constexpr, weights, zero, VOTING: tl.constexpr):
     """The votes of each lane's pixels for bin k, weighted and summed."""
     total = zero
     bins: tl.constexpr = VOTING.bins
@@ -154,10 +154,10 @@ def cells_kernel(
     grid,
     longest,
     chunks,
-    of_chunk,
+    chunk_cols,
     strips,
-    of_strip,
-    seen,
+    strip_rows,
+    voting,
     last_wins,
     channels,
     VOTES: tl.constexpr,
@@ -171,8 +171,8 @@ def cells_kernel(
 ):
     """Cells (images, rows, cols, bins) of images.
 
-    A program has ``strips[1]`` strips of ``of_strip`` rows of cells, each of ``of_chunk`` columns of cells.  Bands vote
-    into HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a time; CLAMPED if some are beyond the image.  Sets
+    A program has ``strips[1]`` strips of ``strip_rows`` rows and ``chunk_cols`` columns of cells.  Bands vote into
+    HIGH x WIDE cells; a lane reads AT_ONCE of its columns at a time; CLAMPED if some are beyond the image.  Sets
     ``flags`` of images with a pixel that is not finite.
     """
     REAL: tl.constexpr = out.dtype.element_ty
@@ -182,24 +182,24 @@ def cells_kernel(
     image, group = (group // groups).to(tl.int64), group % groups
     pixels = images + image * stride
     lane = tl.arange(0, _LANES)
-    lanes = of_chunk + WIDE - 1  # of a strip
+    lanes = chunk_cols + WIDE - 1  # of a strip
     strip = group * strips[1] + lane // lanes
-    j = chunk * of_chunk + lane % lanes
-    owned = (lane % lanes < of_chunk) & (j < grid[1]) & (lane // lanes < strips[1])
+    j = chunk * chunk_cols + lane % lanes
+    owned = (lane % lanes < chunk_cols) & (j < grid[1]) & (lane // lanes < strips[1])
     row_bands, col_bands = grid[0] + HIGH - 1, grid[1] + WIDE - 1
     col_band = tl.minimum(j, col_bands - 1)
     first_column = tl.load(col_first + col_band)
 
     zero = tl.zeros([_LANES], REAL)
-    spoilt = zero
+    zero_or_nan = zero
     none = ()
     for _ in tl.static_range(WIDE * HIGH):
         none = none + (zero,)
     sums = ()
     for _ in tl.static_range(bins):
         sums = sums + (none,)
-    for step in range(of_strip + HIGH - 1):
-        row_band = tl.minimum(strip * of_strip + step, row_bands - 1)
+    for step in range(strip_rows + HIGH - 1):
+        row_band = tl.minimum(strip * strip_rows + step, row_bands - 1)
         first_row = tl.load(row_first + row_band)
         for start in range(0, longest[1], AT_ONCE):
             columns = ()
@@ -219,7 +219,7 @@ def cells_kernel(
                 # needed in the next round only: nothing waits for memory meanwhile
                 ahead = _row(pixels, y + 2, columns, size, strides, READING, REAL, CLAMPED)
                 if CHECKED:
-                    spoilt = _spoilt(row, spoilt, READING)
+                    zero_or_nan = _spread_nan(row, zero_or_nan, READING)
                 votes = ()
                 for d in tl.static_range(AT_ONCE):
                     x = first_column + start + d
@@ -232,29 +232,31 @@ def cells_kernel(
                     by_row = by_row + (tl.load(row_weights + (i * HIGH + h) * row_bands + row_band),)
                 added = ()
                 for k in tl.static_range(bins):
-                    of_cells = ()
+                    cell_sums = ()
                     for e in tl.static_range(WIDE):
-                        of_row = _of_bin(votes, k, by_col[e], zero, VOTING)
+                        row_sum = _sum_votes(votes, k, by_col[e], zero, VOTING)
                         for h in tl.static_range(HIGH):
-                            of_cells = of_cells + (tl.fma(of_row, by_row[h], sums[k][e * HIGH + h]),)
-                    added = added + (of_cells,)
+                            cell_sums = cell_sums + (tl.fma(row_sum, by_row[h], sums[k][e * HIGH + h]),)
+                    added = added + (cell_sums,)
                 sums = added
         # the upmost row of cells that this band voted into is complete
-        i = strip * of_strip + step - (HIGH - 1)
+        i = strip * strip_rows + step - (HIGH - 1)
         complete = owned & (step >= HIGH - 1) & (i < grid[0])
         to = out + image * (grid[0] * grid[1] * bins) + (i * grid[1] + j) * bins
         moved = ()
         for k in tl.static_range(bins):
-            of_cell = sums[k][(WIDE - 1) * HIGH]
+            cell_sum = sums[k][(WIDE - 1) * HIGH]
             for e in tl.static_range(1, WIDE):  # of the bands to the right
-                of_cell += tl.gather(sums[k][(WIDE - 1 - e) * HIGH], tl.minimum(lane + e, _LANES - 1), 0)
-            tl.store(to + k, of_cell, mask=complete)
-            of_cells = ()
+                cell_sum += tl.gather(sums[k][(WIDE - 1 - e) * HIGH], tl.minimum(lane + e, _LANES - 1), 0)
+            tl.store(to + k, cell_sum, mask=complete)
+            cell_sums = ()
             for e in tl.static_range(WIDE):
-                of_cells = of_cells + sums[k][e * HIGH + 1 : e * HIGH + HIGH] + (zero,)
-            moved = moved + (of_cells,)
+                cell_sums = cell_sums + sums[k][e * HIGH + 1 : e * HIGH + HIGH] + (zero,)
+            moved = moved + (cell_sums,)
         sums = moved
     if CHECKED:
-        spoilt = _spoilt_outside(pixels, size, strides, seen, group * chunks + chunk, groups * chunks, spoilt, channels)
-        any_spoilt = tl.max((spoilt != spoilt).to(tl.int32), 0) > 0
-        tl.store(flags + image, tl.full([], 1, flags.dtype.element_ty), mask=any_spoilt)
+        zero_or_nan = _spread_nan_outside(
+            pixels, size, strides, voting, group * chunks + chunk, groups * chunks, zero_or_nan, channels
+        )
+        has_nan = tl.max((zero_or_nan != zero_or_nan).to(tl.int32), 0) > 0
+        tl.store(flags + image, tl.full([], 1, flags.dtype.element_ty), mask=has_nan)

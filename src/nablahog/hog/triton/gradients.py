@@ -37,7 +37,7 @@ def places(pixels, y, x, strides, READING: tl.constexpr):
 
 
 @triton.jit
-def _of_channel(at, strides, channel: tl.constexpr):
+def _channel_places(at, strides, channel: tl.constexpr):
     for _ in tl.static_range(channel):  # not a product: it is made of 32 bits
         at += strides[0]
     return at
@@ -46,7 +46,7 @@ def _of_channel(at, strides, channel: tl.constexpr):
 @triton.jit
 def _channel(at, strides, channel: tl.constexpr, READING: tl.constexpr, REAL: tl.constexpr):
     """Values of one channel in 0…``value_range``, or their roots."""
-    value = tl.load(_of_channel(at, strides, channel)).to(REAL)
+    value = tl.load(_channel_places(at, strides, channel)).to(REAL)
     if READING.scale != 1:
         value = value * READING.scale
     if READING.sqrt:
@@ -178,21 +178,21 @@ def _difference_vjp(grad, place, count, AXIS: tl.constexpr, READING: tl.constexp
 @triton.jit
 def _smoothed_vjp(grad, place, count, AXIS: tl.constexpr):
     """The vjp of [1, 2, 1] along an axis of a mirrored image: outermost pixels have one neighbour twice."""
-    of_before, of_after = tl.where(place == 1, 2, 1), tl.where(place == count - 2, 2, 1)
+    weight_before, weight_after = tl.where(place == 1, 2, 1), tl.where(place == count - 2, 2, 1)
     own = tl.where(count == 1, 4, 2)
-    return own * grad + of_before * _shifted(grad, -1, AXIS) + of_after * _shifted(grad, 1, AXIS)
+    return own * grad + weight_before * _shifted(grad, -1, AXIS) + weight_after * _shifted(grad, 1, AXIS)
 
 
 @triton.jit
 def values_vjp(grad_x, grad_y, y, x, size, READING: tl.constexpr, REAL: tl.constexpr):
     """Gradients of values from those of Gx and Gy, which are 0 beyond the image; but at the rim of the tile."""
     height, width = size[0], size[1]
-    of_x, of_y = _edge_factor(x, width, READING, REAL) * grad_x, _edge_factor(y, height, READING, REAL) * grad_y
+    grad_dx, grad_dy = _edge_factor(x, width, READING, REAL) * grad_x, _edge_factor(y, height, READING, REAL) * grad_y
     if READING.sobel:
         # the border's factor belongs to the difference, which is smoothed later along the other axis
-        of_x = _edge_factor(x, width, READING, REAL) * _smoothed_vjp(grad_x, y, height, 0)
-        of_y = _edge_factor(y, height, READING, REAL) * _smoothed_vjp(grad_y, x, width, 1)
-    return _difference_vjp(of_x, x, width, 1, READING) + _difference_vjp(of_y, y, height, 0, READING)
+        grad_dx = _edge_factor(x, width, READING, REAL) * _smoothed_vjp(grad_x, y, height, 0)
+        grad_dy = _edge_factor(y, height, READING, REAL) * _smoothed_vjp(grad_y, x, width, 1)
+    return _difference_vjp(grad_dx, x, width, 1, READING) + _difference_vjp(grad_dy, y, height, 0, READING)
 
 
 @triton.jit
@@ -200,7 +200,7 @@ def pixels_vjp(grad, at, strides, channel: tl.constexpr, READING: tl.constexpr, 
     """Gradients of stored pixels of a channel from those of the values that were made from them."""
     slope: tl.constexpr = READING.weights[channel] * READING.scale
     if READING.sqrt:
-        of_root = _channel(at, strides, channel, READING, REAL)
-        dark = of_root == 0
-        grad = tl.where(dark, 0.0, quotient(grad, 2 * tl.where(dark, 1.0, of_root)))
+        root_value = _channel(at, strides, channel, READING, REAL)
+        dark = root_value == 0
+        grad = tl.where(dark, 0.0, quotient(grad, 2 * tl.where(dark, 1.0, root_value)))
     return grad * slope

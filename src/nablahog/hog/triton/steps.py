@@ -57,7 +57,7 @@ def _reading(tables: KernelTables, *images: Tensor) -> Reading:
     return tables.reading._replace(wide=True) if span >= 2**31 else tables.reading
 
 
-def _tables_of(images: Tensor, spec: HOGSpec) -> KernelTables:
+def _image_tables(images: Tensor, spec: HOGSpec) -> KernelTables:
     return make_tables(spec, images.shape, images.dtype, real_dtype(images.dtype), images.device)
 
 
@@ -65,9 +65,9 @@ class Work(NamedTuple):
     """How cells are divided among programs: some strips each, and the rows and columns of cells in a strip."""
 
     chunks: int  # of columns of cells
-    of_chunk: int  # columns of cells
+    chunk_cols: int  # columns of cells
     strips: tuple[int, int]  # of an image; of a program
-    of_strip: int  # rows of cells
+    strip_rows: int  # rows of cells
 
     @property
     def groups(self) -> int:
@@ -82,19 +82,19 @@ def work(images: int, cells: tuple[int, int], reach: tuple[int, int], schedulers
     narrow = -(-cols // (LANES - wide + 1))
 
     def used(chunks: int) -> float:  # share of the lanes that own cells
-        of_chunk = -(-cols // chunks)
-        return cols * (LANES // (of_chunk + wide - 1)) / (chunks * LANES)
+        chunk_cols = -(-cols // chunks)
+        return cols * (LANES // (chunk_cols + wide - 1)) / (chunks * LANES)
 
     chunks = max(range(narrow, min(cols, narrow + LANES) + 1), key=used)
-    of_chunk = -(-cols // chunks)
-    side_by_side = LANES // (of_chunk + wide - 1)
+    chunk_cols = -(-cols // chunks)
+    side_by_side = LANES // (chunk_cols + wide - 1)
 
-    def time(of_strip: int) -> float:  # of the scheduler with the most programs, in bands of rows
-        programs = images * chunks * -(-rows // (of_strip * side_by_side))
-        return max(-(-programs // schedulers), _ALONE) * (of_strip + high - 1 + _START)
+    def time(strip_rows: int) -> float:  # of the scheduler with the most programs, in bands of rows
+        programs = images * chunks * -(-rows // (strip_rows * side_by_side))
+        return max(-(-programs // schedulers), _ALONE) * (strip_rows + high - 1 + _START)
 
-    of_strip = min(range(1, min(-(-rows // side_by_side), _MOST_ROWS) + 1), key=time)
-    return Work(chunks, of_chunk, (-(-rows // of_strip), side_by_side), of_strip)
+    strip_rows = min(range(1, min(-(-rows // side_by_side), _MOST_ROWS) + 1), key=time)
+    return Work(chunks, chunk_cols, (-(-rows // strip_rows), side_by_side), strip_rows)
 
 
 def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
@@ -103,7 +103,7 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     Returns:
         Histograms (B, rows, cols, bins), and (B,) not 0 where they are arbitrary: a pixel is not finite.
     """
-    tables = _tables_of(images, spec)
+    tables = _image_tables(images, spec)
     rows, cols = tables.rows, tables.cols
     shape, count = (rows.cells, cols.cells, spec.bins), len(images)
     if math.prod(shape) >= 2**31:
@@ -133,9 +133,9 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
             (rows.cells, cols.cells),
             (rows.bands.longest, cols.bands.longest),
             share.chunks,
-            share.of_chunk,
+            share.chunk_cols,
             share.strips,
-            share.of_strip,
+            share.strip_rows,
             (*rows.voting, *cols.voting),
             tables.last_wins,
             images.shape[1],
@@ -153,15 +153,9 @@ def flagged_cells(images: Tensor, spec: HOGSpec) -> tuple[Tensor, Tensor]:
     return out, flags
 
 
-def _with_derivative(spec: HOGSpec) -> HOGSpec:
-    """The dialect whose derivative is meant."""
-    return spec.with_linear_votes() if spec.vote == "hard" and spec.derivative == "linear" else spec
-
-
 def flagged_cells_vjp(images: Tensor, flags: Tensor, grad_cells: Tensor, spec: HOGSpec) -> Tensor:
     """Gradients (B, C, H, W) of the images from those of their cells (B, rows, cols, bins), both without gaps."""
-    spec = _with_derivative(spec)
-    tables = _tables_of(images, spec)
+    tables = _image_tables(images, spec)
     height, width = images.shape[2:]
     stride, *strides = images.stride()
     out = torch.empty_like(images, memory_format=torch.contiguous_format)
@@ -207,7 +201,7 @@ class TritonCells(Cells):
         return torch.where(flags.reshape(-1, 1, 1, 1) != 0, torch.nan, cells), flags.unsqueeze(1)
 
     def vjp(self, x: Tensor, saved: Tensor, grad_output: Tensor) -> Tensor:
-        return flagged_cells_vjp(x, saved.flatten(), grad_output.contiguous(), self.spec)
+        return flagged_cells_vjp(x, saved.flatten(), grad_output.contiguous(), self.derivative_spec)
 
     def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
         return jvp_by_vjp(self.reference, (x,), (tangent,))

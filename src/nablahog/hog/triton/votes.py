@@ -127,8 +127,8 @@ def votes_of_even_and_odd(gx, gy, VOTING: tl.constexpr):
     m, inverse = magnitude(gx, gy)
     position = _position(gx, gy, inverse, VOTING)
     even = position + zero
-    of_odd = tl.abs(position - (even - zero)) * m
-    return even, m - of_odd, (position - 1) + zero, of_odd
+    odd_vote = tl.abs(position - (even - zero)) * m
+    return even, m - odd_vote, (position - 1) + zero, odd_vote
 
 
 @triton.jit
@@ -178,8 +178,8 @@ def vlfeat_votes(gx, gy, inverse, VOTING: tl.constexpr):
         other = tl.where(better, own, tl.where(next_, bins, other))
         second = tl.where(better, largest, tl.where(next_, size, second))
         own, largest = tl.where(better, bins, own), tl.where(better, size, largest)
-    some = length > 0
-    cosine = tl.where(some, tl.div_rn(largest, tl.where(some, length, 1.0)), 1.0)
+    is_nonzero = length > 0
+    cosine = tl.where(is_nonzero, tl.div_rn(largest, tl.where(is_nonzero, length, 1.0)), 1.0)
     to_other = tl.div_rn(_arccosine(tl.minimum(cosine, 1.0)), zero + VOTING.between_axes).to(gx.dtype)
     ahead = other == bin_after(own, VOTING)
     _, _, from_bin, part = linear_votes(gx, gy, inverse, VOTING)
