@@ -44,7 +44,7 @@ def fitted(top: Quadratic, count: int = 16) -> Tensor:
     half = torch.randn(count // 2, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     offsets = torch.cat([half, -half])
     values, slopes = top.derivatives(START + offsets * UNITS)
-    return ascent._maximum(offsets, values, slopes * UNITS, torch.ones(count).double())
+    return ascent._fit_maximum(offsets, values, slopes * UNITS, torch.ones(count).double())
 
 
 def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,14 +67,14 @@ def test_samples_without_weight_do_not_count() -> None:
     away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
     offsets, weights = torch.randn(40, 6, dtype=torch.float64), torch.ones(40).double()
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
-    expected = ascent._maximum(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
+    expected = ascent._fit_maximum(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
     weights[:8], values[:8] = 0, 1e3
-    assert_close(ascent._maximum(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
+    assert_close(ascent._fit_maximum(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
 
 
 @pytest.mark.parametrize("count", [3, 6, 8, 18])
 def test_directions_are_at_right_angles(count: int) -> None:
-    offsets = ascent._directions(count, torch.Generator().manual_seed(0))
+    offsets = ascent._draw_directions(count, torch.Generator().manual_seed(0))
     assert_close(offsets.square().mean(1), torch.ones(count).double())
     for basis in offsets.split(6):
         assert_close(basis @ basis.T, 6 * torch.eye(len(basis)).double())
@@ -85,10 +85,10 @@ def test_values_alone_know_the_top() -> None:
     offsets = torch.randn(80, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
     weights = torch.ones(80).double()
-    output = ascent._maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
+    output = ascent._fit_maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
     assert (output - away).norm() < 0.1 * away.norm()
     some = torch.where(torch.arange(80)[:, None] < 8, slopes * UNITS, torch.nan)
-    assert (ascent._maximum(offsets, values, some, weights) - away).norm() < (output - away).norm()
+    assert (ascent._fit_maximum(offsets, values, some, weights) - away).norm() < (output - away).norm()
 
 
 def test_a_top_far_away_is_only_approached() -> None:
@@ -107,7 +107,7 @@ def test_a_valley_is_left_uphill() -> None:
 
 def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
-    output = ascent._maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
+    output = ascent._fit_maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
     assert torch.isfinite(output).all()
     assert output.norm() <= ascent._LONGEST_STEP + 1e-9
 

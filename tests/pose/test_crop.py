@@ -18,7 +18,7 @@ from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import CROP_FILL, CROP_SIDE, apply_mask, crop_object
-from nablahog.pose.similarity import downsampled_poses
+from nablahog.pose.similarity import downsample_poses
 from nablahog.render import pose, render
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.conventions import move_before_camera, pose_matrix, turn_to
@@ -89,7 +89,7 @@ def test_smaller_sees_the_same() -> None:
     points = torch.rand(20, 3, dtype=torch.float64) - 0.5
     pose = torch.tensor([40.0, 20.0, 2.7, -6.0, 3.5, -8.25], dtype=torch.float64)
     assert_close(
-        2 * screen(points, downsampled_poses(pose[None], 2)[0], small.camera), screen(points, pose, crop.camera)
+        2 * screen(points, downsample_poses(pose[None], 2)[0], small.camera), screen(points, pose, crop.camera)
     )
 
 

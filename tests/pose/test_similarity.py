@@ -15,7 +15,7 @@ from nablahog.pose.background import default_background
 from nablahog.pose.crop import ObjectCrop, crop_object, downsample_camera
 from nablahog.pose.options import SimilarityKind
 from nablahog.pose.photograph import ELEMENT, PreparedPhotograph, patch_spec
-from nablahog.pose.similarity import PatchTemplate, Similarity, describe, downsampled_poses, patch_template
+from nablahog.pose.similarity import PatchTemplate, Similarity, describe, downsample_poses, patch_template
 from nablahog.render import Renderer
 
 from .common import columns, model, photographed
@@ -81,7 +81,7 @@ def test_derivatives_by_the_pose_are_the_chain_rules(photograph: PreparedPhotogr
     poses[:, 4:] = torch.tensor([5.0, -3.0])
     poses.requires_grad_(True)
     values, slopes = of.derivatives(poses.detach())
-    descriptors = describe(of.renderer(downsampled_poses(poses, template.shrink)), template.spec)
+    descriptors = describe(of.renderer(downsample_poses(poses, template.shrink)), template.spec)
     expected, by_descriptor = template.values_and_gradients(descriptors.detach())
     (by_pose,) = torch.autograd.grad(descriptors, poses, by_descriptor)
     assert_close(values, expected.double(), rtol=1e-4, atol=1e-4)

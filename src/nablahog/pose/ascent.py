@@ -74,7 +74,7 @@ def quadratic_ascent(
         visit: called with the pose (6,) after each round.
         bounded: moves poses (N, 6) into the range allowed.
     """
-    directions = _directions(sum(round_.samples for round_ in rounds) // 2, generator)
+    directions = _draw_directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
     for count, spread, slopes in rounds:
         unit = spread * UNITS
@@ -84,7 +84,7 @@ def quadratic_ascent(
         offsets = (poses - pose) / unit
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
         weights = torch.exp(-0.5 * beyond**2)
-        pose = pose + unit * _maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
+        pose = pose + unit * _fit_maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
         pose = bounded(pose[None])[0]
         visit(pose)
     return pose
@@ -98,7 +98,7 @@ def _sample(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
     return functional.pad(similarity.values(poses)[:, None], (0, len(PARAMETERS)), value=math.nan)
 
 
-def _directions(count: int, generator: torch.Generator) -> Tensor:
+def _draw_directions(count: int, generator: torch.Generator) -> Tensor:
     """Offsets (count, 6) of root mean square 1, orthogonal within each group of six."""
     size = len(PARAMETERS)
     normal = torch.randn((math.ceil(count / size), size, size), generator=generator, dtype=torch.float64)
@@ -106,7 +106,7 @@ def _directions(count: int, generator: torch.Generator) -> Tensor:
     return directions
 
 
-def _maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
+def _fit_maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
     """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
     Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  Curvatures are

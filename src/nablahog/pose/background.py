@@ -73,7 +73,7 @@ def learn_background(
         _check(name, image, least_size(spec, order))
     progress(0, len(images), "")
     sums = torch.zeros(())
-    image_sums = map_function(partial(_sums, spec=spec, order=order), list(images.values()))
+    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), list(images.values()))
     for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
         sums = sums + sums_of_image
         progress(done, len(images), name)
@@ -141,7 +141,7 @@ def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:
         small = limit_size(image[None], max(1, round(scale * max(image.shape))))[0]
 
 
-def _sums(image: Tensor, *, spec: HOGSpec, order: int) -> Tensor:
+def _sum_scales(image: Tensor, *, spec: HOGSpec, order: int) -> Tensor:
     """The sums of :func:`_add_products` over all scales of an image, float64."""
     channels = spec.channels + 1
     sums = torch.zeros(2 * order + 1, 2 * order + 1, channels, channels, dtype=torch.float64)

@@ -142,13 +142,13 @@ def crop_object(
     view = CropView(middle, zoom, camera.focal / zoom, axis)
     size = object_box.width * zoom, object_box.height * zoom
     if axis is not None:  # the turned camera sees the box a little smaller
-        turned_box = view.across(object_box)
+        turned_box = view.map_box(object_box)
         zoom *= fill / max(turned_box.width, turned_box.height)
         camera = Camera(view.focal * zoom, side, side)
         view = replace(view, zoom=zoom)
-        turned_box = view.across(object_box)
+        turned_box = view.map_box(object_box)
         size = turned_box.width, turned_box.height
-    valid = Box(*(edge + side / 2 for edge in view.across(Box(0, 0, width, height))))
+    valid = Box(*(edge + side / 2 for edge in view.map_box(Box(0, 0, width, height))))
     image = resample(photograph, view, side)
     return ObjectCrop(middle, zoom, camera.focal / zoom, axis, image, size, camera, valid)
 

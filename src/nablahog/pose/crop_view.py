@@ -51,7 +51,7 @@ class CropView:
         scale = self.zoom * self.focal / max(forward, _LEAST_DEPTH)
         return right * scale, down * scale
 
-    def across(self, box: Box) -> Box:
+    def map_box(self, box: Box) -> Box:
         """A photograph's box in the crop, pixels from its middle; its sides are those on lines through the middle."""
         x, y = self.middle
         left, right = (self.from_photograph(side, y)[0] for side in (box.x0, box.x1))
@@ -79,7 +79,7 @@ class CropView:
 
 def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
     """The square (1, 1, side, side) that a view shows, gray, without aliasing; the photograph's border repeats."""
-    factor = reduction(view.zoom)
+    factor = reduction_factor(view.zoom)
     if factor > 1:
         photograph = gray_means(photograph, factor)
     height, width = photograph.shape[1:]
@@ -97,7 +97,7 @@ def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
     left, top = (math.floor(m) - around for m in middle)
     rows = torch.arange(top, top + 2 * around + 1).clamp(0, height - 1)
     cols = torch.arange(left, left + 2 * around + 1).clamp(0, width - 1)
-    part = gray(_floats(photograph[:, rows][:, :, cols])[None])
+    part = gray(_to_floats(photograph[:, rows][:, :, cols])[None])
     if sigma > 0:
         part = blur(part, sigma)
     across, down = ((coordinates - start) / (2 * around + 1) * 2 - 1 for coordinates, start in ((x, left), (y, top)))
@@ -106,7 +106,7 @@ def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
     return image.clamp(0, 1)
 
 
-def reduction(zoom: float) -> int:
+def reduction_factor(zoom: float) -> int:
     """The side of the squares of a photograph's pixels whose means are enough at a zoom; 1 for zooms above 1/16."""
     return max(1, int(1 / (MOST_OVERSAMPLING * zoom)))
 
@@ -122,12 +122,12 @@ def gray_means(photograph: Tensor, factor: int) -> Tensor:
     for row in range(0, len(means[0]), rows):
         strip = photograph[:, row * factor : (row + rows) * factor]
         beyond = (0, -width % factor, 0, -strip.shape[1] % factor)
-        padded = functional.pad(_floats(strip)[None], beyond, mode="replicate")
+        padded = functional.pad(_to_floats(strip)[None], beyond, mode="replicate")
         means[:, row : row + rows] = functional.avg_pool2d(padded, factor)[0]
     return gray(means[None])[0]
 
 
-def _floats(photograph: Tensor) -> Tensor:
+def _to_floats(photograph: Tensor) -> Tensor:
     return photograph.float() / 255 if photograph.dtype == torch.uint8 else photograph.float()
 
 

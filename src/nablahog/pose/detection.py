@@ -16,7 +16,7 @@ from torch.nn import functional
 from ..hog.box import Box
 from .background import coarse_background
 from .crop import CROP_FILL, CROP_SIDE
-from .crop_view import gray_means, reduction
+from .crop_view import gray_means, reduction_factor
 from .model import (
     VIEW_COUNT,
     PreparedModel,
@@ -112,7 +112,7 @@ def _describe_levels(
     largest = float(max(height, width))
     smallest = min(max(largest / SMALLEST_RATIO, fill), largest)
     finest = math.floor(LEVELS_PER_OCTAVE * math.log2(largest / smallest))
-    factor = reduction(fill / (largest * 2 ** (-finest / LEVELS_PER_OCTAVE)))
+    factor = reduction_factor(fill / (largest * 2 ** (-finest / LEVELS_PER_OCTAVE)))
     photograph = gray_means(image, factor)[None]
     height, width = (side * factor for side in photograph.shape[2:])
     cell = spec.cell_size[0]

@@ -23,7 +23,7 @@ from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
 from .background import coarse_background
 from .crop import CROP_FILL, CROP_SIDE, DISTANCE, downsample_camera, typical_camera
-from .similarity import Similarity, Template, describe, deviations, downsampled_poses, in_batches
+from .similarity import Similarity, Template, describe, deviations, downsample_poses, run_in_batches
 from .whitening import Background, Whitener, cached_whitener
 
 Doubles = NDArray[np.float64]
@@ -148,7 +148,7 @@ def _describe_views(model: PreparedModel, elevation: float, own: Background | No
         descriptors = describe(renderer.render(batch, derivative=False).image[:, None], background.spec)
         return descriptors / deviations(whitener.energies(descriptors))[:, None, None, None]
 
-    return torch.cat(in_batches(describe_poses, downsampled_poses(poses, shrink)))
+    return torch.cat(run_in_batches(describe_poses, downsample_poses(poses, shrink)))
 
 
 def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) -> tuple[float, ...]:

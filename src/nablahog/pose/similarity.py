@@ -146,12 +146,12 @@ def _slices(regions: Sequence[Box]) -> list[tuple[slice, slice]]:
     return [(region.rows, region.cols) for region in regions]
 
 
-def downsampled_poses(poses: Tensor, factor: int) -> Tensor:
+def downsample_poses(poses: Tensor, factor: int) -> Tensor:
     """Poses (B, 6) for a crop as those for one ``factor`` times smaller."""
     return poses if factor == 1 else torch.cat([poses[:, :4], poses[:, 4:] / factor], 1)
 
 
-def in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
+def run_in_batches(work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
     """Results of ``work`` on some poses (B, 6) at a time, in as many threads as PyTorch uses."""
     threads = torch.get_num_threads()
     rounds = math.ceil(len(poses) / (_BATCH * threads))  # each gives every thread a part
@@ -168,18 +168,18 @@ class Similarity:
 
     def values(self, poses: Tensor) -> Tensor:
         """Similarities (B,) at poses (B, 6) for the crop, angles in degrees."""
-        return torch.cat(self._in_batches(self._values, poses))
+        return torch.cat(self._run_in_batches(self._values, poses))
 
     def derivatives(self, poses: Tensor) -> tuple[Tensor, Tensor]:
         """Values (B,) and their derivatives (B, 6) by the parameters of poses (B, 6), per degree, unit and pixel."""
-        values, slopes = zip(*self._in_batches(self._derivatives, poses), strict=True)
+        values, slopes = zip(*self._run_in_batches(self._derivatives, poses), strict=True)
         by_pose = torch.cat(slopes)
         by_pose[:, 4:] /= self.template.shrink
         return torch.cat(values), by_pose
 
-    def _in_batches(self, work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
+    def _run_in_batches(self, work: Callable[[Tensor], T], poses: Tensor) -> list[T]:
         self.renderings += len(poses)
-        return in_batches(work, downsampled_poses(poses, self.template.shrink))
+        return run_in_batches(work, downsample_poses(poses, self.template.shrink))
 
     def _values(self, poses: Tensor) -> Tensor:
         rendering = self.renderer.render(poses, derivative=False)

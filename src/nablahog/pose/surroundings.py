@@ -38,18 +38,17 @@ from .whitening import cached_whitener
 class Reach(NamedTuple):
     """How far the object may be from its box."""
 
-    octaves: int  # quarters of an octave that it may be larger or smaller; one moves its border by about a cell
+    quarters: int  # of an octave that it may be larger or smaller; one moves its border by about a cell
     cells: int  # of the coarse descriptor that it may be off in each direction
 
     @property
     def scales(self) -> NDArray[np.float64]:
         """Sizes of the object, as parts of the longer side of its box."""
-        return 2.0 ** (np.arange(-self.octaves, self.octaves + 1) / 4)
+        return 2.0 ** (np.arange(-self.quarters, self.quarters + 1) / 4)
 
 
 ROUGH = Reach(2, 3)  # of a box that someone gave
 FOUND = Reach(1, 2)  # of one that :func:`.detection.find_boxes` found
-DIAGONAL = math.sqrt(2)  # side of the square that holds a turned square of side 1
 # penalty, as a fraction of the similarity, for a view of twice the box's size or half a side beside it
 _OFFSET_PENALTY = 0.05
 
@@ -74,32 +73,26 @@ def describe_surroundings(
     rows, cols = spec.grid(*(side // shrink for side in crop.image.shape[2:]))
     side = spec.image_size(rows + 2 * reach.cells, cols + 2 * reach.cells)[0]
     scales = reach.scales
-    # a base image of the finest level's resolution, which the other levels subsample
-    zoom = crop.zoom / shrink / float(scales.min())
     steps = scales / scales.min()
-    widened = DIAGONAL if any(tilts) else 1.0
-    base_side = 2 * math.ceil(side * widened * steps.max() / 2) + 4
-    base = resample(image, replace(crop, zoom=zoom), base_side)
+    # a base image of the finest level's resolution, which the other levels subsample, with room for turned ones
+    base_side = 2 * math.ceil(side * (math.sqrt(2) if any(tilts) else 1.0) * steps.max() / 2) + 4
+    base = resample(image, replace(crop, zoom=crop.zoom / shrink / float(scales.min())), base_side)
     level_images = []
     for step in steps.tolist():
         smooth = blur(base, 0.5 * math.sqrt(step**2 - 1)) if step > 1 else base
         level_images.append(turn_image(smooth[0, 0], tilts, step, (side, side)))
     descriptors = describe(torch.cat(level_images)[:, None], spec)
-    grid = descriptors.shape[2:]
+    grid, spacing = descriptors.shape[2:], spec.cell_size[0]
     whitener = cached_whitener(background, *grid)
-    cells = spec.cell_size[0]
     scales_and_tilts = torch.cartesian_prod(torch.from_numpy(scales), torch.tensor(tilts, dtype=torch.float64))
     level_scales, level_tilts = scales_and_tilts.unbind(1)
-    x, y = map_grid(
-        centre_coordinates(grid, cells), level_scales * shrink, level_tilts
-    )  # of cells on the turned photograph
-    low, high = crop.valid[:2], crop.valid[2:]
-    half = crop.image.shape[-1] / 2
-    valid = (x + half >= low[0]) & (x + half <= high[0]) & (y + half >= low[1]) & (y + half <= high[1])
+    turned_cells = map_grid(centre_coordinates(grid, spacing), level_scales * shrink, level_tilts)
+    x, y = (middles + crop.image.shape[-1] / 2 for middles in turned_cells)
+    valid = (x >= crop.valid.x0) & (x <= crop.valid.x1) & (y >= crop.valid.y0) & (y <= crop.valid.y1)
     weights = whitener(whitener.subtract_mean(descriptors) * valid[:, None])
     windows = weights.unfold(2, rows, 1).unfold(3, cols, 1)  # (levels, C, down, across, rows, cols)
     down, across = windows.shape[2:4]
-    x, y = map_grid(centre_coordinates((down, across), cells), level_scales * shrink, level_tilts)
+    x, y = map_grid(centre_coordinates((down, across), spacing), level_scales * shrink, level_tilts)
     count = down * across
     return Surroundings(
         windows.permute(0, 2, 3, 1, 4, 5).reshape(len(weights) * count, -1),

@@ -62,7 +62,7 @@ def edge_crossings(screen: Tensor, edges: Edges, ids: Tensor, inverse: Tensor) -
     candidates = (ends[..., 2] > 0).all(2) & (silhouette | (edges.kind != SMOOTH))
     across = (ends[:, :, 1, :2] - ends[:, :, 0, :2]).abs()
     steep = across[..., 1] > across[..., 0]
-    axes = [_crossings_along(axis, ends, candidates, ids, inverse, silhouette, steep == (axis == 1)) for axis in (0, 1)]
+    axes = [_find_crossings(axis, ends, candidates, ids, inverse, silhouette, steep == (axis == 1)) for axis in (0, 1)]
     return Crossings(*(torch.cat(field) for field in zip(*axes, strict=True)))
 
 
@@ -80,7 +80,7 @@ def silhouette_edges(screen: Tensor, edges: Edges) -> Tensor:
     return (side[..., 0] * side[..., 1] >= 0) | (edges.kind == BOUNDARY)
 
 
-def _crossings_along(
+def _find_crossings(
     axis: int, ends: Tensor, candidates: Tensor, ids: Tensor, inverse: Tensor, silhouette: Tensor, measured: Tensor
 ) -> Crossings:
     """The crossings of links along one axis; ``p`` runs across the links, ``q`` along them."""

@@ -47,7 +47,7 @@ def check_sizes(header: Json, size: int) -> None:
         * COMPONENTS[accessor["type"]]
         for accessor in accessors
     )
-    meshes = [_size_of_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
+    meshes = [_count_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
     placed = [meshes[node["mesh"]] for node in nodes if "mesh" in node]
     most_bytes, stored = size + SPARE_BYTES, sum(accessor["count"] for accessor in accessors)
     limits = [("nodes", len(nodes), MAX_NODES), ("bytes in views", views, most_bytes)]
@@ -67,7 +67,7 @@ def read_count(part: Json, name: str) -> int:
     return count
 
 
-def _size_of_mesh(mesh: Json, accessors: Sequence[Json]) -> tuple[int, int, int]:
+def _count_mesh(mesh: Json, accessors: Sequence[Json]) -> tuple[int, int, int]:
     """The numbers of its primitives, vertices and faces."""
     vertices = faces = 0
     for primitive in mesh["primitives"]:

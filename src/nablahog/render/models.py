@@ -101,7 +101,7 @@ def read_models(
     """
     folder = Path(folder)
     check_folder(folder, "CAD models")
-    files_below = list(_files_below(folder, DEEPEST))
+    files_below = list(_list_files(folder, DEEPEST))
     files = sorted(file for file in files_below if file.suffix.lower() in ENDINGS)
     if not files:
         expected = f"{', '.join(ENDINGS)}, up to {DEEPEST} folders down"
@@ -115,11 +115,11 @@ def read_models(
     return models, sorted(_name(file.relative_to(folder)) for file in ignored)
 
 
-def _files_below(folder: Path, depth: int) -> Iterator[Path]:
+def _list_files(folder: Path, depth: int) -> Iterator[Path]:
     for entry in folder.iterdir():
         if entry.is_dir():
             if depth and not entry.name.startswith("."):
-                yield from _files_below(entry, depth - 1)
+                yield from _list_files(entry, depth - 1)
         elif not entry.name.startswith("."):
             yield entry
 

@@ -127,7 +127,7 @@ def draw_silhouettes(crossings: Crossings, silhouette: Tensor, *images: Tensor) 
     return drawn, tuple(image.index_put(target, image[source]) for image in images)
 
 
-def _slope(samples: Tensor, drawn: Tensor) -> Tensor:
+def _image_gradient(samples: Tensor, drawn: Tensor) -> Tensor:
     """The image gradient along x at each sample, (B, H, W), with silhouettes ``drawn``; see above."""
     difference, usable = samples.diff(dim=2), ~(drawn[..., 1:] | drawn[..., :-1])
     before, after = pad(difference, (1, 0)), pad(difference, (0, 1))
@@ -147,7 +147,7 @@ def resolve(
     """
     image = avg_pool2d(samples[:, None], supersampling)[:, 0]
     still = samples.detach()
-    along_x, along_y = _slope(still, drawn), _slope(still.mT, drawn.mT).mT
+    along_x, along_y = _image_gradient(still, drawn), _image_gradient(still.mT, drawn.mT).mT
     place = ((ids >= 0) & ((along_x != 0) | (along_y != 0))).nonzero()
     n, row, col = place.T
     moved = surface_motion(screen, motion, faces[ids[n, row, col]], n, col + 0.5, row + 0.5)

@@ -76,7 +76,7 @@ def read_header(data: bytes) -> Header:
             name, count = words
             elements.append(Element(name, int(count), []))
             if int(count) < 0:
-                raise _missing_rows(elements[-1])
+                raise _missing_rows_error(elements[-1])
         elif key == "property":
             kinds = words[1:-1] if words[0] == "list" else words[:1]
             if any(kind not in _TYPES for kind in kinds):
@@ -167,7 +167,7 @@ def _row_brightness(columns: Columns) -> Floats | None:
 
 def _read_text(element: Element, rows: list[list[bytes]]) -> Columns:
     if len(rows) < element.rows:
-        raise _missing_rows(element)
+        raise _missing_rows_error(element)
     columns: dict[str, list[bytes]] = {}
     for row in rows:
         at = 0
@@ -186,7 +186,7 @@ def _read_text(element: Element, rows: list[list[bytes]]) -> Columns:
 
 def _read_binary(element: Element, data: bytes, at: int, order: str) -> tuple[Columns, int]:
     """The columns of a table that begins at a byte, and the byte behind it."""
-    lengths = _lengths_of_a_row(element, data, at, order) if element.rows else []
+    lengths = _read_lengths(element, data, at, order) if element.rows else []
     fields: list[tuple[Any, ...]] = []
     for (name, kind, length), count in zip(element.properties, lengths, strict=bool(lengths)):
         fields += [] if length is None else [(_length_column(name), order + length)]
@@ -203,11 +203,11 @@ def _read_binary(element: Element, data: bytes, at: int, order: str) -> tuple[Co
             columns = {name: table[name].reshape(-1) for name in table.dtype.names or ()}
             return columns, at + element.rows * row.itemsize
     if not any(column.length for column in element.properties):
-        raise _missing_rows(element)
+        raise _missing_rows_error(element)
     return _read_row_by_row(element, data, at, order)
 
 
-def _lengths_of_a_row(element: Element, data: bytes, at: int, order: str) -> list[int]:
+def _read_lengths(element: Element, data: bytes, at: int, order: str) -> list[int]:
     """How long the lists of a row are; 1 for what is not a list."""
     lengths = []
     for _, kind, length in element.properties:
@@ -226,7 +226,7 @@ def _read_row_by_row(element: Element, data: bytes, at: int, order: str) -> tupl
     columns: dict[str, list[NDArray[Any]]] = {}
     for _ in range(element.rows):
         for (name, kind, length), count in zip(
-            element.properties, _lengths_of_a_row(element, data, at, order), strict=True
+            element.properties, _read_lengths(element, data, at, order), strict=True
         ):
             if length is not None:
                 columns.setdefault(_length_column(name), []).append(np.array([count]))
@@ -239,9 +239,9 @@ def _read_row_by_row(element: Element, data: bytes, at: int, order: str) -> tupl
 
 def _read_numbers(element: Element, data: bytes, kind: np.dtype[Any], count: int, at: int) -> NDArray[Any]:
     if count < 0 or at + count * kind.itemsize > len(data):
-        raise _missing_rows(element)
+        raise _missing_rows_error(element)
     return np.frombuffer(data, kind, count, at)
 
 
-def _missing_rows(element: Element) -> ValueError:
+def _missing_rows_error(element: Element) -> ValueError:
     return ValueError(f"it has fewer rows of the element {element.name} than it promises: {element.rows:,}")

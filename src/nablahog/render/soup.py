@@ -98,7 +98,7 @@ def triangulate(vertices: Floats, corners: Integers, counts: Integers) -> Intege
         second = np.arange(1, count - 1)
         fans = loops[:, np.stack([0 * second, second, second + 1], axis=1)]  # (M, count - 2, 3)
         if count > 3:
-            for number in np.flatnonzero(~_convex(vertices[loops])).tolist():
+            for number in np.flatnonzero(~_are_convex(vertices[loops])).tolist():
                 fans[number] = loops[number][_cut_ears(vertices[loops[number]])]
         triangles.append(fans.reshape(-1, 3))
         polygons.append(members.repeat(count - 2))
@@ -106,7 +106,7 @@ def triangulate(vertices: Floats, corners: Integers, counts: Integers) -> Intege
     return np.concatenate(triangles)[order]
 
 
-def _turns(points: Floats) -> Floats:
+def _signed_areas(points: Floats) -> Floats:
     """Twice the signed areas of the triangles at the corners of polygons (..., n, 3), seen along their mean normals."""
     before, after = points - np.roll(points, 1, -2), np.roll(points, -1, -2) - points
     normals = np.cross(points, np.roll(points, -1, -2)).sum(-2, keepdims=True)  # Newell's
@@ -114,9 +114,9 @@ def _turns(points: Floats) -> Floats:
     return turns
 
 
-def _convex(points: Floats) -> NDArray[np.bool_]:
+def _are_convex(points: Floats) -> NDArray[np.bool_]:
     """Which polygons (M, n, 3) have no corner that turns the other way."""
-    turns = _turns(points - points.mean(-2, keepdims=True))
+    turns = _signed_areas(points - points.mean(-2, keepdims=True))
     convex: NDArray[np.bool_] = (turns >= -1e-9 * np.abs(turns).max(-1, keepdims=True)).all(-1)
     return convex
 
