@@ -105,8 +105,8 @@ def test_a_mesh(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("address", "data", "sentence"),
     [
-        ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a model (.off, .obj, .ply, .stl, .glb)"),
-        ("/api/meshes?name=m.off&up=q", CUBE, "up and front are axes such as z or -y, got 'q' and ''"),
+        ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a mesh file (.off, .obj, .ply, .stl, .glb, .gltf)"),
+        ("/api/meshes?name=m.off&up=q", CUBE, "up must be one of x, y and z, with a sign or without, got 'q'"),
         ("/api/meshes?name=m.off", b"OFF\n", "m.off: "),
         ("/api/descriptors?name=d.pkl", b"x", "d.pkl: expected a descriptor (.npy, .npz, .mat)"),
         ("/api/descriptors?name=d.npy&preset=uoctti", b"x", "d.npy: expected an array (.npy), but it cannot be read"),

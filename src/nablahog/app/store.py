@@ -9,8 +9,9 @@ import hashlib
 import io
 import warnings
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -40,23 +41,26 @@ SMALLER = 4  # smaller sizes of a photograph that are kept
 MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
 MOST_CELLS = 2**14  # in a descriptor, that the page can draw
-ARRAYS, MESHES = (".npy", ".npz", ".mat"), (".off", ".obj", ".ply", ".stl", ".glb")
+ARRAYS = (".npy", ".npz", ".mat")
 CHAIR = "chair-"  # begins the ids of meshes that come with the package
-AXES = {"", *(f"{sign}{axis}" for sign in ("", "-", "+") for axis in "xyz")}
 
 
 @dataclass(eq=False)
 class Photograph:
     """A photograph (C, H, W), float32 in 0…1, with the name of its file.
 
-    The box is that of an object in it, the focal length that of the file, in pixels; None if unknown.
+    The box is that of an object in it, the focal length that of the file, in pixels; None if unknown.  ``shrunk`` gives
+    the image with at most so many pixels on its longer side.
     """
 
     name: str
     image: Tensor
     box: tuple[float, ...] | None = None
     focal: float | None = None
-    _shrunk: OrderedDict[int, Tensor] = field(default_factory=OrderedDict)
+    shrunk: Callable[[int], Tensor] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.shrunk = lru_cache(SMALLER)(partial(limit_size, self.image))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -67,16 +71,6 @@ class Photograph:
     def nbytes(self) -> int:
         smaller = min(self.image.numel(), 3 * SEE_SIZE**2)
         return 4 * (self.image.numel() + SMALLER * smaller)
-
-    def shrunk(self, size: int) -> Tensor:
-        """The photograph with at most ``size`` pixels on its longer side."""
-        if size >= max(self.size):
-            return self.image
-        if size not in self._shrunk:
-            self._shrunk[size] = limit_size(self.image, size)
-            while len(self._shrunk) > SMALLER:
-                self._shrunk.popitem(last=False)
-        return self._shrunk[size]
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,10 +261,6 @@ def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, tem
 def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the mesh in a file."""
     file, up, front = InputFile(name, data), query.get("up", ""), query.get("front", "")
-    if file.ending not in MESHES:
-        raise RequestError(422, f"{name}: expected a model ({', '.join(MESHES)}), got the ending {file.ending!r}")
-    if up not in AXES or front not in AXES:
-        raise RequestError(422, f"up and front are axes such as z or -y, got {up!r} and {front!r}")
     with as_request_error():
         entry = MeshEntry(name, load_mesh(file, up=up or None, front=front or None), up or None, front or None)
     key = store.add(entry, data, file.ending.encode(), up.encode(), front.encode())
