@@ -80,7 +80,7 @@ def test_see(page: Page, folder: Path) -> None:
     page.press("#glyphs", "ArrowRight")
     page.until("document.querySelector('#cell table')")
     assert "directed: 0°" in page.text("#cell")
-    assert "nablahog hog" in page.text("#see-lines")
+    assert "nablahog hog" in page.text("#see-snippets")
     page.click("#see-download")
     page.idle()
     wait_for_file(folder / "downloads", ".npz")
@@ -120,12 +120,12 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     (tmp_path / "mine.png").write_bytes(photo_file)
     page.open("#/see")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.png"))
-    page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
+    page.until("document.querySelector('#see-snippets').textContent.includes('nablahog hog mine.png')")
     page.idle()
     page.until("location.hash.includes('mine.png')")
     address = page.driver.current_url
     page.open(f"#{address.partition('#')[2]}")  # a reload returns to it
-    page.until("document.querySelector('#see-lines').textContent.includes('nablahog hog mine.png')")
+    page.until("document.querySelector('#see-snippets').textContent.includes('nablahog hog mine.png')")
     page.idle()
     Image.new("L", (5, 5)).save(tmp_path / "tiny.png")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "tiny.png"))
@@ -148,7 +148,7 @@ def test_invert(page: Page) -> None:
     assert int(page.read("document.querySelector('#preimage').dataset.frames")) > 2
     assert "SSIM" in page.text("#figures")
     assert page.read("document.querySelector('#wipe input') !== null")
-    assert "nablahog invert" in page.text("#invert-lines")
+    assert "nablahog invert" in page.text("#invert-snippets")
     page.click("#invert-go-on")
     page.until("document.querySelector('#preimage').dataset.state === 'running'")
     page.click("#invert-stop")
@@ -183,7 +183,7 @@ def test_fit(page: Page, folder: Path) -> None:
     assert 20 < float(page.read("document.querySelector('#pose-azimuth').value")) < 50
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")
-    assert "sample_chairs()['wooden-0']" in page.text("#fit-lines")
+    assert "sample_chairs()['wooden-0']" in page.text("#fit-snippets")
     azimuth, there = page.read("document.querySelector('#pose-azimuth').value"), page.read("location.hash")
     assert "pose=" in there
     page.open(there)  # a reload returns to it

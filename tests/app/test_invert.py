@@ -71,7 +71,7 @@ def test_a_descriptor_alone(client: TestClient) -> None:
     of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file.getvalue()).json()
     done = events(client, descriptor=of["id"])[-1][1]
     assert (done["cc"], done["ssim"]) == (None, None)
-    assert done["lines"]["command"] == "nablahog invert d.npy -o out --preset uoctti --quality fast"
+    assert done["snippets"]["command"] == "nablahog invert d.npy -o out --preset uoctti --quality fast"
 
 
 def test_a_template(client: TestClient) -> None:
@@ -80,8 +80,8 @@ def test_a_template(client: TestClient) -> None:
     of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
     kind, done = events(client, descriptor=of["id"], seed=3)[-1]
     command = "nablahog invert w.npy -o out --preset uoctti --template --seed 3"
-    assert (kind, done["lines"]["command"]) == ("done", command)
-    assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["lines"]["python"]
+    assert (kind, done["snippets"]["command"]) == ("done", command)
+    assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["snippets"]["python"]
 
 
 def test_refused_before_it_begins(client: TestClient) -> None:
@@ -90,10 +90,10 @@ def test_refused_before_it_begins(client: TestClient) -> None:
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
-    from nablahog.app.store import photograph, requested_descriptor
+    from nablahog.app.store import requested_descriptor, store_photograph
 
     store, cancel, seen = Store(b""), CancelToken(), threading.Event()
-    key = photograph(photo_file, "p.png", {}, store)["id"]
+    key = store_photograph(photo_file, "p.png", {}, store)["id"]
     request = InvertMessage(photo=key, prior="none")
 
     def send(event: Event) -> None:

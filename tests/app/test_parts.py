@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from nablahog.app import server
-from nablahog.app.lines import FitFiles, for_pose
 from nablahog.app.messages import RequestError
+from nablahog.app.snippets import FitFiles, write_pose_snippets
 from nablahog.app.store import Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 from nablahog.requests.pose import PoseRequest
@@ -89,7 +89,7 @@ def test_there_is_no_circle_among_the_scripts() -> None:
     TopologicalSorter(imports).prepare()  # raises CycleError, with the circle
 
 
-def test_lines_for_a_pose_have_its_seed() -> None:
-    lines = for_pose(PoseRequest(seed=5), FitFiles("photo.png", False, "chair.obj"))
-    assert "seed=5" in lines["python"]
-    assert lines["command"].endswith("--seed 5")
+def test_snippets_for_a_pose_have_its_seed() -> None:
+    snippets = write_pose_snippets(PoseRequest(seed=5), FitFiles("photo.png", False, "chair.obj"))
+    assert "seed=5" in snippets["python"]
+    assert snippets["command"].endswith("--seed 5")

@@ -25,8 +25,8 @@ from ..render import silhouette
 from ..requests.pose import PoseRequest
 from ..viz.pictures import outlined
 from .chart import AZIMUTHS, SimilarityChart
-from .lines import FitFiles, for_pose
 from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_request_error, glyphs, png
+from .snippets import FitFiles, write_pose_snippets
 from .store import CHAIR, MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -53,7 +53,7 @@ class Fitting:
     chart: SimilarityChart = field(default_factory=SimilarityChart)
 
     @classmethod
-    def of(cls, request: Open | PoseMessage, store: Store) -> Fitting:
+    def open(cls, request: Open | PoseMessage, store: Store) -> Fitting:
         """The photograph's object and the model that a request names."""
         photograph, model = store.get(request.photo, Photograph), store.get(request.mesh, MeshEntry)
         height, width = photograph.size
@@ -188,7 +188,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": png(self._overlay(estimate)),
             "warning": warning(estimate),
-            "lines": for_pose(self._whole(request), files),
+            "snippets": write_pose_snippets(self._whole(request), files),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

@@ -21,8 +21,8 @@ from ..invert.starts import starting_images
 from ..invert.template import reconstruct_template
 from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
 from ..requests.sources import Source
-from .lines import for_inversion
 from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, png
+from .snippets import write_inversion_snippets
 from .store import DescriptorEntry, Photograph, Store
 from .work_queue import CancelToken
 
@@ -64,7 +64,7 @@ def invert(
         "stop_reason": str(result.stop_reason[0]),
         "seconds": round(result.seconds, 3),
         "history": _thin_out(result.history[:, 0]),
-        "lines": _lines(request, entry),
+        "snippets": _snippets(request, entry),
         "definitions": {name.lower(): text for name, text in metrics.DEFINITIONS.items()},
     }
     send(("done", done))
@@ -87,14 +87,15 @@ def _search(request: InvertMessage, source: Source, store: Store, watch: _Watch)
     return reconstruct(descriptor, spec, size, **{**request.keywords(), "prior": prior}, start=start, watch=watch)
 
 
-def _lines(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
+def _snippets(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
+    source = entry.reading or entry.source.path
     if entry.template:
-        return for_inversion(InvertRequest(template=True, seed=request.seed), entry.reading or entry.source.path)
-    lines = for_inversion(request, entry.reading or entry.source.path)
+        return write_inversion_snippets(InvertRequest(template=True, seed=request.seed), source)
+    snippets = write_inversion_snippets(request, source)
     if request.start is not None:
         begins = "# from the beginning, not from the image that the page continued from"
-        lines = {name: f"{begins}\n{text}" for name, text in lines.items()}
-    return lines
+        snippets = {name: f"{begins}\n{text}" for name, text in snippets.items()}
+    return snippets
 
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:

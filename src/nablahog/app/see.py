@@ -12,8 +12,8 @@ from ..hog.box import Box, cell_centres, pixel_box
 from ..hog.layout import channel_names
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes
-from .lines import for_glyphs, for_hog
 from .messages import HogMessage, RequestError, as_request_error, glyphs
+from .snippets import write_glyph_snippets, write_hog_snippets
 from .store import DescriptorEntry, Store, requested_descriptor
 
 PHOTO_GLYPHS_SIDE = 720  # pixels, about, of their longer side
@@ -26,6 +26,10 @@ def see(request: HogMessage, store: Store) -> dict[str, Any]:
     source, asked = entry.source, (request.photo or request.descriptor or "", request.name, str(request.settings))
     with as_request_error():
         drawn = glyphs(source.descriptor, source.spec, PHOTO_GLYPHS_SIDE)
+    if entry.reading is None:
+        snippets = write_hog_snippets(request, source.path)
+    else:
+        snippets = write_glyph_snippets(entry.reading, template=entry.template)
     return {
         "key": store.add(entry, *(text.encode() for text in (*asked, str(request.size)))),
         "name": source.spec.name,
@@ -34,7 +38,7 @@ def see(request: HogMessage, store: Store) -> dict[str, Any]:
         "signed": source.spec.signed,
         "image_size": list(source.image_size),
         "glyphs": drawn,
-        "lines": for_glyphs(entry.reading, template=entry.template) if entry.reading else for_hog(request, source.path),
+        "snippets": snippets,
         "milliseconds": round(1000 * (time.perf_counter() - began), 2),
     }
 

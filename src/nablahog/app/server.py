@@ -43,6 +43,7 @@ QUICK, LONG = 64, 32  # computations that may wait in each queue
 UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the second in seconds
 Answer = TypeVar("Answer")
 Handler: TypeAlias = Callable[[Request], Awaitable[Response]]
+StoreFile: TypeAlias = Callable[[bytes, str, Mapping[str, str], Store], dict[str, Any]]
 
 
 class Server:
@@ -79,16 +80,16 @@ class Server:
         return [
             Route("/", files["index.html"], methods=["GET"]),
             *(Route(f"/static/{name}", file, methods=["GET"]) for name, file in files.items()),
-            Route("/api/about", _answering(self._what_there_is)),
-            Route("/api/photos", self._upload("photo", store.photograph), methods=["POST"]),
-            Route("/api/photos/{id}", _answering(self._photograph)),
-            Route("/api/descriptors", self._upload("descriptor", store.descriptor), methods=["POST"]),
-            Route("/api/meshes", self._upload("model", store.mesh), methods=["POST"]),
-            Route("/api/hog", _answering(self._hog), methods=["POST"]),
-            Route("/api/hog/{id}/cell", _answering(self._cell)),
-            Route("/api/hog/{id}/file", _answering(self._descriptor_file)),
-            Route("/api/invert", _answering(self._invert), methods=["POST"]),
-            Route("/api/pose", _answering(self._pose), methods=["POST"]),
+            Route("/api/about", _with_json_errors(self._what_there_is)),
+            Route("/api/photos", self._upload("photo", store.store_photograph), methods=["POST"]),
+            Route("/api/photos/{id}", _with_json_errors(self._photograph)),
+            Route("/api/descriptors", self._upload("descriptor", store.store_descriptor), methods=["POST"]),
+            Route("/api/meshes", self._upload("model", store.store_mesh), methods=["POST"]),
+            Route("/api/hog", _with_json_errors(self._hog), methods=["POST"]),
+            Route("/api/hog/{id}/cell", _with_json_errors(self._cell)),
+            Route("/api/hog/{id}/file", _with_json_errors(self._descriptor_file)),
+            Route("/api/invert", _with_json_errors(self._invert), methods=["POST"]),
+            Route("/api/pose", _with_json_errors(self._pose), methods=["POST"]),
             WebSocketRoute("/api/fit", self._fit),
         ]
 
@@ -99,7 +100,7 @@ class Server:
         """The answer of ``/api/about``, once the samples are read."""
         return await asyncio.shield(self._about)
 
-    def _upload(self, default: str, keep: Callable[[bytes, str, Mapping[str, str], Store], dict[str, Any]]) -> Handler:
+    def _upload(self, default: str, store_file: StoreFile) -> Handler:
         """The handler of uploads of a kind; few are in memory at once, and slow ones are refused."""
 
         async def uploaded(request: Request) -> Response:
@@ -109,9 +110,9 @@ class Server:
                     data = await asyncio.wait_for(request.body(), PATIENCE)
                 except asyncio.TimeoutError:
                     raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds; try again") from None
-                return await self._json(request, self.quick, lambda _: keep(data, name, query, self.store))
+                return await self._json(request, self.quick, lambda _: store_file(data, name, query, self.store))
 
-        return _answering(uploaded)
+        return _with_json_errors(uploaded)
 
     async def _photograph(self, request: Request) -> Response:
         photograph, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
@@ -137,7 +138,7 @@ class Server:
         asked = decode(await request.body(), PoseMessage)
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
-            fitting = Fitting.of(asked, self.store)
+            fitting = Fitting.open(asked, self.store)
             return fitting.figures(fitting.fit(asked, lambda message: None, cancel), asked)
 
         return await self._json(request, self.long, fitted)
@@ -203,7 +204,7 @@ def _chair_scene() -> Photograph:
     return Photograph("chair.png", image, tuple(round(side, 1) for side in box))
 
 
-def _answering(handler: Handler) -> Handler:
+def _with_json_errors(handler: Handler) -> Handler:
     """A handler whose errors are JSON."""
 
     async def answered(request: Request) -> Response:

@@ -49,7 +49,7 @@ class FitSocket:
         message = decode_fit_message(text)
         if isinstance(message, Open):
             await self._stop()
-            self.scene = await self.quick.run(lambda _: Fitting.of(message, self.store))
+            self.scene = await self.quick.run(lambda _: Fitting.open(message, self.store))
             self.mesh = message.mesh
             await self._answer(self.long, self._opened().ready)
         elif isinstance(message, Turn):

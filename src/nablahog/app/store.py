@@ -32,9 +32,8 @@ from ..requests.inversion import GlyphRequest
 from ..requests.options import SIZE
 from ..requests.sources import Source, from_photo, from_stored
 from ..requests.templates import read_templates
-from . import lines
-from .lines import Reading
 from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, as_request_error, decode_json
+from .snippets import Reading, write_array_reading, write_file_reading, write_model_reading
 
 MOST_STORED_BYTES = 2**29
 SMALLER = 4  # smaller sizes of a photograph that are kept
@@ -102,7 +101,7 @@ class MeshEntry:
         return 16 * sum(tensor.numel() * tensor.element_size() for tensor in (self.mesh.vertices, self.mesh.faces))
 
 
-Kept = TypeVar("Kept", Photograph, DescriptorEntry, MeshEntry)
+Item = TypeVar("Item", Photograph, DescriptorEntry, MeshEntry)
 
 
 class Store:
@@ -123,7 +122,7 @@ class Store:
         """Keeps something under an id of its own as long as the server runs."""
         self._pinned[key] = item
 
-    def pinned(self, kind: type[Kept]) -> dict[str, Kept]:
+    def pinned(self, kind: type[Item]) -> dict[str, Item]:
         """The pinned objects of a kind, by id."""
         return {key: item for key, item in self._pinned.items() if isinstance(item, kind)}
 
@@ -144,7 +143,7 @@ class Store:
                 self._items.popitem(last=False)
         return key
 
-    def get(self, key: str, kind: type[Kept]) -> Kept:
+    def get(self, key: str, kind: type[Item]) -> Item:
         """The object of a kind that has this id; RequestError if there is none, or no longer."""
         with self._lock:
             if key in self._items:
@@ -185,7 +184,7 @@ def _check_cells(name: str, photo: Tensor, spec: HOGSpec) -> None:
         )
 
 
-def photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> dict[str, Any]:
+def store_photograph(data: bytes, name: str, _: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps a photograph of any format that the command line reads."""
     _check_pixels(data, name)
     file = InputFile(name, data)
@@ -208,7 +207,7 @@ def _check_pixels(data: bytes, name: str) -> None:
         raise RequestError(413, f"{name}: expected at most {MOST_PIXELS:,} pixels, got {width * height:,}")
 
 
-def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
+def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
     file = InputFile(name, data)
     if file.ending not in ARRAYS:
@@ -251,14 +250,14 @@ def descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -
 def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, template: bool) -> list[Reading]:
     """How each of the sources in a file is read again."""
     if template and is_dpm_file(file):
-        return [lines.of_model(file.name, number) for number in range(len(sources))]
+        return [write_model_reading(file.name, number) for number in range(len(sources))]
     if not is_raw(file):
-        return [lines.of_file(file.name)]
+        return [write_file_reading(file.name)]
     array = read_array(file, request.key)
-    return [lines.of_array(file.name, array, source, request, template=template) for source in sources]
+    return [write_array_reading(file.name, array, source, request, template=template) for source in sources]
 
 
-def mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
+def store_mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the mesh in a file."""
     file, up, front = InputFile(name, data), query.get("up", ""), query.get("front", "")
     with as_request_error():

@@ -36,15 +36,6 @@ export class Address extends EventTarget {
 
   /**
    * @param {string} key
-   * @param {number} otherwise
-   */
-  number(key, otherwise) {
-    const text = this.#values.get(key);
-    return text && Number.isFinite(Number(text)) ? Number(text) : otherwise;
-  }
-
-  /**
-   * @param {string} key
    * @param {number} count
    * @returns {number[] | null} numbers divided by commas
    */

@@ -114,7 +114,7 @@ export class Options {
     this.place = element(`${view}-options`, HTMLElement);
     for (const option of about.options[view] ?? []) {
       const control = controlOf(option, "", `${view}-${option.name}`);
-      control.nodes.className = "both";
+      control.nodes.className = "inline";
       if (option.name === "size") control.nodes.dataset.photoOnly = "";
       control.nodes.addEventListener("input", () => {
         if (control.read() === null) return;

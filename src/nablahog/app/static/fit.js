@@ -6,7 +6,7 @@ import { Options } from "./controls.js";
 import { Curve } from "./curve.js";
 import { bringIntoSight, checked, debounce, element, enable, figure, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
-import { showLines } from "./lines.js";
+import { showSnippets } from "./snippets.js";
 import { MeshChooser } from "./mesh.js";
 import { Painter } from "./painter.js";
 import { PoseControls, poseTables, proper } from "./pose.js";
@@ -336,7 +336,7 @@ export class Fit {
     warning.hidden = !message.warning;
     warning.textContent = message.warning ?? "";
     element("fit-figures", HTMLElement).replaceChildren(...poseTables(result));
-    showLines(element("fit-lines", HTMLElement), message.lines, this.app.source.sample);
+    showSnippets(element("fit-snippets", HTMLElement), message.snippets, this.app.source.sample);
     element("fit-result", HTMLElement).hidden = false;
   }
 }

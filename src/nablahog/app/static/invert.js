@@ -6,7 +6,7 @@ import { DistanceChart } from "./distance_chart.js";
 import { bringIntoSight, checked, element, enable, figure, make, onPress, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert } from "./inversion.js";
-import { showLines } from "./lines.js";
+import { showSnippets } from "./snippets.js";
 import { Painter } from "./painter.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
@@ -228,7 +228,7 @@ export class Invert {
     element("definitions", HTMLElement).hidden = !definitions.length;
     document.querySelector("#definitions dl")?.replaceChildren(
       ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));
-    showLines(element("invert-lines", HTMLElement), done.lines, this.app.source.sample);
+    showSnippets(element("invert-snippets", HTMLElement), done.snippets, this.app.source.sample);
     element("invert-result", HTMLElement).hidden = false;
   }
 

@@ -5,7 +5,7 @@ import { showCell } from "./cell.js";
 import { Options } from "./controls.js";
 import { element } from "./dom.js";
 import { paint, pictureOf, pngOf, save, stem } from "./files.js";
-import { showLines } from "./lines.js";
+import { showSnippets } from "./snippets.js";
 import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 
@@ -101,7 +101,7 @@ export class See {
     element("shape", HTMLElement).textContent = shape;
     announce(shape);
     element("see-download", HTMLButtonElement).disabled = false;
-    showLines(element("see-lines", HTMLElement), hog.lines, this.app.source.sample);
+    showSnippets(element("see-snippets", HTMLElement), hog.snippets, this.app.source.sample);
     this.#glyphs.canvas.dataset.key = hog.key;
     if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyphs.rows - 1), Math.min(this.#at[1], hog.glyphs.cols - 1));
   }

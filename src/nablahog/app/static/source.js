@@ -13,7 +13,7 @@ import * as question from "./question.js";
  */
 
 const ARRAYS = /\.(npy|npz|mat)$/i;
-const MESHES = /\.(off|obj|ply|stl|glb)$/i;
+const MESHES = /\.(off|obj|ply|stl|glb|gltf)$/i;
 
 export class SourceChooser extends EventTarget {
   /** @type {PhotoSource | DescriptorSource | null} */

@@ -14,7 +14,7 @@
  *
  * @typedef {{[name: string]: string}} Settings values of parameters that differ from their defaults
  * @typedef {{preset: string, settings: Settings}} Dialect
- * @typedef {{command: string, python: string}} Lines
+ * @typedef {{command: string, python: string}} Snippets
  * @typedef {[number, number, number, number]} Box x0, y0, x1, y1 in pixels
  *
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
@@ -24,7 +24,7 @@
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], image: string}} Glyphs cell: height and width, pixels
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],
- *   glyphs: Glyphs, milliseconds: number, lines: Lines}} Hog
+ *   glyphs: Glyphs, milliseconds: number, snippets: Snippets}} Hog
  * @typedef {{row: number, col: number, box: Box, angles: number[], histogram: number[] | null,
  *   block: {row: number, col: number, box: Box} | null, entries: {index: number, name: string, value: number}[]}} Cell
  *
@@ -33,7 +33,7 @@
  *   image: string}} InvertFrame
  * @typedef {{image: string, id: string, distance: number, cc: number | null, mi: number | null, ssim: number | null,
  *   psnr: number | null, polarity: number | null, negative: string | null, evaluations: number, stop_reason: string,
- *   seconds: number, history: number[], lines: Lines, definitions: {[name: string]: string}}} InvertDone
+ *   seconds: number, history: number[], snippets: Snippets, definitions: {[name: string]: string}}} InvertDone
  *
  * @typedef {{svg: string, description: string, across: number[]}} SimilarityChart across: shares of its width, of 0° and 360°
  * @typedef {number[]} Pose azimuth, elevation, distance, theta, x, y

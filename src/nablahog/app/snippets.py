@@ -20,9 +20,9 @@ from ..requests.sources import Source
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file of a descriptor or template is read: its name, the options of the command, and the lines of Python.
+    """How a file of a descriptor or template is read: its name, the options of the command, and lines of Python.
 
-    The lines make ``descriptor``, or ``weights``, ``spec`` and ``size``, the (height, width) of the image.
+    The Python makes ``descriptor``, or ``weights``, ``spec`` and ``size``, the (height, width) of the image.
     """
 
     file: str
@@ -30,7 +30,7 @@ class Reading:
     python: tuple[str, ...]
 
 
-def of_file(name: str) -> Reading:
+def write_file_reading(name: str) -> Reading:
     """The reading of a file that ``save_descriptor`` wrote."""
     python = (
         "import nablahog",
@@ -40,7 +40,7 @@ def of_file(name: str) -> Reading:
     return Reading(name, (), python)
 
 
-def of_model(name: str, number: int) -> Reading:
+def write_model_reading(name: str, number: int) -> Reading:
     """The reading of one filter of a voc-release5 model."""
     python = (
         "import nablahog",
@@ -52,13 +52,14 @@ def of_model(name: str, number: int) -> Reading:
     return Reading(name, (), python)
 
 
-def of_array(
+def write_array_reading(
     name: str, array: NDArray[np.floating], source: Source, request: GlyphRequest, *, template: bool
 ) -> Reading:
     """The reading of another library's array, read as ``source``; a bias may follow a template's weights."""
     size, spec = source.image_size, source.spec
     shapes = (array.shape, (array.size,), (array.size - 1,))
-    how = next(each for each in (find_layout(shape, spec, size) for shape in shapes) if each is not None)
+    layouts = (find_layout(shape, spec, size) for shape in shapes)
+    how = next(layout for layout in layouts if layout is not None)
     laid_out = "spec" if how.layout == spec.layout else f"dataclasses.replace(spec, layout={how.layout!r})"
     count = math.prod(how.shape)
     cut = f".ravel()[:{count}]" if count < array.size else ""
@@ -75,14 +76,14 @@ def of_array(
     return Reading(name, tuple(words(request, GlyphRequest)), python)
 
 
-def for_hog(request: HogRequest, photo: str) -> dict[str, str]:
-    """The lines for the descriptor of a photograph."""
+def write_hog_snippets(request: HogRequest, photo: str) -> dict[str, str]:
+    """Returns the command and the Python for the descriptor of a photograph."""
     command = _command("hog", photo, "-o", f"{_stem(photo)}.npz", *words(request, HogRequest))
-    return {"command": command, "python": "\n".join(_described(request, photo))}
+    return {"command": command, "python": "\n".join(_write_description(request, photo))}
 
 
-def for_glyphs(reading: Reading, *, template: bool) -> dict[str, str]:
-    """The lines for a picture of a descriptor from a file; of a template, whose glyphs no command draws, pre-images."""
+def write_glyph_snippets(reading: Reading, *, template: bool) -> dict[str, str]:
+    """Returns those for glyphs of a descriptor from a file; of a template, which no command draws, for pre-images."""
     command = _command("glyph", reading.file, "-o", f"{_stem(reading.file)}_glyphs.png", *reading.options)
     if template:
         command = _command("invert", reading.file, "-o", "out", *reading.options, "--template")
@@ -90,11 +91,11 @@ def for_glyphs(reading: Reading, *, template: bool) -> dict[str, str]:
     return {"command": command, "python": "\n".join((*reading.python, drawn))}
 
 
-def for_inversion(request: InvertRequest, source: str | Reading) -> dict[str, str]:
-    """The lines for a pre-image of the descriptor of a photograph, or of a descriptor or template from a file."""
+def write_inversion_snippets(request: InvertRequest, source: str | Reading) -> dict[str, str]:
+    """Returns those for a pre-image of the descriptor of a photograph, or of a descriptor or template from a file."""
     if isinstance(source, str):
         file, options = source, words(request, InvertRequest)
-        described = [*_described(request, source), "size = tuple(photo.shape[1:])"]
+        described = [*_write_description(request, source), "size = tuple(photo.shape[1:])"]
     else:
         file, options = source.file, [*source.options, *words(request, InvertRequest, beyond=GlyphRequest)]
         described = list(source.python)
@@ -123,8 +124,8 @@ class FitFiles:
     chair: str | None = None
 
 
-def for_pose(request: PoseRequest, files: FitFiles) -> dict[str, str]:
-    """The lines for a fit."""
+def write_pose_snippets(request: PoseRequest, files: FitFiles) -> dict[str, str]:
+    """Returns those for a fit."""
     axes = {name: axis for name, axis in (("up", files.up), ("front", files.front)) if axis}
     mesh = f"nablahog.load_mesh({files.mesh!r}{_arguments(axes)})"
     python = [
@@ -161,7 +162,7 @@ def _arguments(values: Mapping[str, object]) -> str:
     return "".join(f", {name}={value!r}" for name, value in values.items())
 
 
-def _described(request: HogRequest, photo: str) -> list[str]:
+def _write_description(request: HogRequest, photo: str) -> list[str]:
     return [
         "import nablahog",
         "from nablahog.io.images import read_image",

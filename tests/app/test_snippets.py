@@ -30,15 +30,15 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs both, in the folder of the file; the variables of the Python."""
     monkeypatch.chdir(tmp_path)
 
-    def both(lines: dict[str, str]) -> dict[str, Any]:
-        words = shlex.split(lines["command"], comments=True)
+    def run_snippets(snippets: dict[str, str]) -> dict[str, Any]:
+        words = shlex.split(snippets["command"], comments=True)
         assert words[0] == "nablahog"
         assert main([*words[1:], "-q"]) in (0, 4)  # 4: a pose that is not sure
         names: dict[str, Any] = {}
-        exec(lines["python"], names)
+        exec(snippets["python"], names)
         return names
 
-    return both
+    return run_snippets
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -47,7 +47,7 @@ def test_of_a_photograph(client: TestClient, tmp_path: Path, photo_file: bytes, 
     of = client.post("/api/photos", params={"name": name}, content=photo_file).json()["id"]
     asked = {"preset": "skimage", "settings": {"orientations": "8", "cells_per_block": "2x2"}, "size": 50}
     said = client.post("/api/hog", json={"photo": of, **asked}).json()
-    names = run(said["lines"])
+    names = run(said["snippets"])
     stored = client.get(f"/api/hog/{said['key']}/file").content
     (tmp_path / "page.npz").write_bytes(stored)
     expected = load_descriptor("page.npz").descriptor.numpy()
@@ -61,12 +61,12 @@ def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes,
     (tmp_path / NAMES[0]).write_bytes(photo_file)
     of = client.post("/api/photos", params={"name": NAMES[0]}, content=photo_file).json()["id"]
     done = events(client, photo=of, preset="uoctti", prior=prior, seed=2)[-1][1]
-    names = run(done["lines"])
+    names = run(done["snippets"])
     assert float(names["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
     (written,) = json.loads(Path("out/results.json").read_text(encoding="utf-8"))
     assert written["distance"] == pytest.approx(done["distance"], abs=1e-3)
     again = events(client, photo=of, prior=prior, start=done["id"])[-1][1]
-    assert again["lines"]["command"].startswith("# from the beginning")
+    assert again["snippets"]["command"].startswith("# from the beginning")
 
 
 def arrays() -> dict[str, tuple[str, dict[str, str], Any]]:
@@ -102,14 +102,14 @@ def test_of_an_array(client: TestClient, tmp_path: Path, which: str, run: Run) -
     (tmp_path / name).write_bytes(file.getvalue())
     of = client.post("/api/descriptors", params={"name": name, **answers}, content=file.getvalue()).json()
     said = client.post("/api/hog", json={"descriptor": of["id"]}).json()
-    assert name in said["lines"]["command"]
-    names = run(said["lines"])
+    assert name in said["snippets"]["command"]
+    names = run(said["snippets"])
     (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
     made = names["weights" if "as" in answers else "descriptor"]
     np.testing.assert_array_equal(made, load_descriptor("page.npz").descriptor)
     if which in ("row", "blocks of float64", "template of cells"):
         done = events(client, descriptor=of["id"])[-1][1]
-        assert float(run(done["lines"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+        assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
 def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> None:
@@ -117,9 +117,9 @@ def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> N
     of = client.post(
         "/api/descriptors", params={"name": "it's.npz"}, content=(tmp_path / "it's.npz").read_bytes()
     ).json()
-    run(client.post("/api/hog", json={"descriptor": of["id"]}).json()["lines"])
+    run(client.post("/api/hog", json={"descriptor": of["id"]}).json()["snippets"])
     done = events(client, descriptor=of["id"])[-1][1]
-    assert float(run(done["lines"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+    assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
 @pytest.mark.parametrize("focal", [None, 400.0])
@@ -150,7 +150,7 @@ def test_of_a_pose(client: TestClient, tmp_path: Path, focal: float | None, run:
         fitted = until(socket, "fitted", "error")[-1]
     found = fitted["result"]
     assert found["focal_length_from"] == ("assumed" if focal is None else "given")
-    pose = run(fitted["lines"])["pose"]
+    pose = run(fitted["snippets"])["pose"]
     (written,) = json.loads(Path("out/poses.json").read_text(encoding="utf-8"))["annotations"]
     for name in ("azimuth", "elevation", "distance", "confidence"):
         assert getattr(pose, name) == pytest.approx(found[name], abs=0.02), name

@@ -7,18 +7,18 @@ import { waiting } from "./progress.js";
 
 /**
  * @param {HTMLElement} place
- * @param {import("./types.js").Lines} lines
+ * @param {import("./types.js").Snippets} snippets
  * @param {import("./types.js").PhotoInfo | null} sample the photograph, if the reader has no file of it
  */
-export function showLines(place, lines, sample) {
-  const blocks = [["Command line", lines.command], ["Python", lines.python]].map(([title = "", text = ""]) => {
+export function showSnippets(place, snippets, sample) {
+  const blocks = [["Command line", snippets.command], ["Python", snippets.python]].map(([title = "", text = ""]) => {
     const pre = make("pre", { tabindex: 0, role: "region", "aria-label": title }, text);
     const button = make("button", { type: "button", "aria-label": `Copy: ${title}` }, "Copy");
     button.addEventListener("click", async () => {
       button.textContent = await copied(text, pre) ? "Copied" : "Press Ctrl+C";
       setTimeout(() => { button.textContent = "Copy"; }, 2000);
     });
-    return make("div", { class: "lines" }, make("h3", {}, title), make("div", {}, pre, button));
+    return make("div", { class: "snippet" }, make("h3", {}, title), make("div", {}, pre, button));
   });
   const saved = make("button", { type: "button" }, `Save ${sample?.name}`);
   saved.addEventListener("click", async () => {
