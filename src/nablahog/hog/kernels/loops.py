@@ -19,8 +19,7 @@ from ..spec import HOGSpec
 from .tables import ImageTables, NormTables
 
 _PIXELS_FOR_THREADS = 2**16  # pixels of an image that is worth more than one thread
-_CPU = torch.device("cpu")  # whatever the default device is
-_NOTHING_SAVED = torch.empty(0, device=_CPU)
+_NOTHING_SAVED = torch.empty(0, device="cpu")  # whatever the default device is
 _IMAGES = c_void_p, c_void_p, c_void_p  # tables, images, strides
 _RANGE = c_int64, c_int64
 _hog = native.function("hog", *_IMAGES, *_RANGE, c_void_p, c_void_p)
@@ -75,10 +74,10 @@ class _ImageStep(Step):
         in_bands = self.is_large and count == 1 and torch.get_num_threads() > 1
         cells = descriptors = _NOTHING_SAVED
         if saves or in_bands or not normalizes:
-            cells = torch.empty((count, *tables.cells), dtype=tables.dtype, device=_CPU)
+            cells = x.new_empty((count, *tables.cells), dtype=tables.dtype)
         if saves or normalizes:
             size = (count, *tables.grid) if normalizes else (count, 0)
-            descriptors = torch.empty(size, dtype=tables.dtype, device=_CPU)
+            descriptors = x.new_empty(size, dtype=tables.dtype)
         to_cells, to_descriptors = cells.data_ptr() or None, descriptors.data_ptr() or None
         if in_bands:
             self._fill_in_bands(pixels, cells)
@@ -92,7 +91,7 @@ class _ImageStep(Step):
         """The cells of one image, whose bands are shared out."""
         size, bands = c_int64(), int(self.tables.struct.rows.stretches)
         _band_size(self.tables.address, ctypes.byref(size))
-        band_cells = torch.empty((bands, size.value), dtype=self.tables.dtype, device=_CPU)
+        band_cells = cells.new_empty((bands, size.value))
         broken = np.zeros(bands, np.uint8)
         run_in_threads(_hog_bands, bands, pixels, (band_cells.data_ptr(), broken.ctypes.data))
         _join_bands(self.tables.address, band_cells.data_ptr(), cells.data_ptr())
@@ -120,7 +119,7 @@ class _ImageStep(Step):
     def jvp(self, x: Tensor, saved: Tensor, tangent: Tensor) -> Tensor:
         count, tables, cells, tangent = x.shape[0], self.derivative_tables, saved.contiguous(), tangent.contiguous()
         size = tables.grid if self.normalizes else tables.cells
-        out = torch.empty((count, *size), dtype=tables.dtype, device=_CPU)
+        out = x.new_empty((count, *size), dtype=tables.dtype)
         to_cells = cells.data_ptr() if self.normalizes else None
         pixels = tables.address, x.data_ptr(), _strides(*x.stride())[1]
         run_in_threads(_hog_jvp, count, pixels, (tangent.data_ptr(), to_cells, out.data_ptr()))
