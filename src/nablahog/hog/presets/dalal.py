@@ -65,17 +65,11 @@ def paper(
     )
 
 
-_DALAL = HOGSpec(
+_DALAL = replace(
+    paper(),
     name="dalal-triggs",
     value_range=255.0,
     colour="largest",
-    border="reflect",
-    bins=9,
-    signed=False,
-    bin_offset=0.5,
-    vote="linear",
-    cell_size=(8, 8),
-    partial_cells="floor",
     normalizer=BlockNorm((2, 2), step=(2, 2)),
 )
 """What those after Dalal and Triggs share; each preset below names its differences."""
