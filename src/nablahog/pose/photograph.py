@@ -70,7 +70,7 @@ class PreparedPhotograph:
         descriptor = describe(self.crop.image, spec)[0].permute(1, 2, 0)
         low, high = zip(*map(_box_cells, self.crop.size[::-1], descriptor.shape[:2], spec.cell_size), strict=True)
         inside = descriptor[low[0] : high[0], low[1] : high[1]]
-        chosen = elements(inside, self.background, ELEMENT, count=ELEMENTS, threshold=0.0)
+        chosen = elements(inside, self.background, threshold=0.0)
         return descriptor, dataclasses.replace(chosen, positions=chosen.positions + torch.tensor(low))
 
     @cached_property
@@ -125,9 +125,9 @@ def all_patches(descriptor: Tensor, size: tuple[int, int]) -> Tensor:
 def elements(
     descriptor: Tensor,
     background: Background,
-    size: tuple[int, int] = (5, 5),
+    size: tuple[int, int] = ELEMENT,
     *,
-    count: int | None = 25,
+    count: int | None = ELEMENTS,
     overlap: float = 0.25,
     threshold: float = 2.0,
 ) -> Elements:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ..hog.box import Box
+from ..render import PARAMETERS
 from .crop import CROP_FILL, crop_object
 from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles
 from .options import FocalSource, SimilarityKind
@@ -117,16 +118,12 @@ class PoseProblem:
         """The estimate at a pose (6,) for the object's crop, with other attributes of :class:`.PoseEstimate`."""
         crop = self.photograph.crop
         moved, camera = crop.place_in_photograph(pose, *self.image.shape[1:])
-        azimuth, elevation, distance, theta, x, y = moved.tolist()
+        parameters = dict(zip(PARAMETERS, moved.tolist(), strict=True))
+        parameters["azimuth"] %= 360
         return PoseEstimate(
-            azimuth % 360,
-            elevation,
-            distance,
-            theta,
-            x,
-            y,
-            camera,
-            model,
+            **parameters,
+            camera=camera,
+            model=model,
             crop_pose=pose,
             box=self.box,
             similarity_kind=self.similarity,
