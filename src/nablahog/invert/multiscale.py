@@ -7,7 +7,6 @@ A level of scale s has 1/s of the image's pixels, and cells with sides of 1/√s
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -160,13 +159,12 @@ def reconstruct_multiscale(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
     settings = _choose_level_settings(targets, same_descriptor, spec, image_size, scales, search, published)
-    uses_default = published is None and search.samples is None
-    learned, start, expected = as_priors(prior, spec, by_default=uses_default), None, None
+    learned = as_priors(prior, spec, by_default=published is None and search.samples is None)
+    start = expected = None
     if same_descriptor and published is None:
         start, expected = _first_images(settings, spec, seed, learned)
     levels: list[Level] = []
     for number, level in enumerate(settings):
-        began = time.perf_counter()
         if levels:
             before = enlarge(levels[-1].reconstruction.image, *level.size)
             start, expected = (before, None) if spec.signed or published is not None else (None, before)
@@ -174,9 +172,9 @@ def reconstruct_multiscale(
             check_images("start", images, level.descriptor, level.size, level.spec) for images in (start, expected)
         )
         report = _report(progress, settings, number)
-        if level.published is not None:
+        if isinstance(level.options, AsPublished):
             result = reconstruct_as_published(
-                level.descriptor, level.spec, level.size, level.published, seed=seed, start=start, progress=report
+                level.descriptor, level.spec, level.size, level.options, seed=seed, start=start, progress=report
             )
         else:
             result = search_preimages(
@@ -187,12 +185,12 @@ def reconstruct_multiscale(
                 start=start,
                 expected=expected,
                 learned=learned if level is settings[-1] else None,
-                search=level.search,
+                search=level.options,
                 objective=objective if same_descriptor else _add_coarser(objective, settings[:number], level),
                 fix_polarity=False,
                 progress=report,
             )
-        levels.append(Level(level.scale, level.spec, replace(result, seconds=time.perf_counter() - began)))
+        levels.append(Level(level.scale, level.spec, result))
     if not spec.signed and published is None:
         levels = _fix_polarity(levels, [level.descriptor for level in settings])
     return [
@@ -209,8 +207,7 @@ class _LevelSettings:
     spec: HOGSpec
     size: tuple[int, int]
     descriptor: Tensor
-    published: AsPublished | None
-    search: Search
+    options: Search | AsPublished
     most: int  # evaluations, or iterations of the paper's search
 
 
@@ -243,14 +240,14 @@ def _choose_level_settings(
         target = descriptor.detach() / contrast if same_descriptor and contrast != 1 else descriptor.detach()
         last = len(settings) + 1 == len(scales)
         budget = most if last else min(COARSE_EVALUATIONS, max(2, most // 4))
-        level_published = None
-        level_search = replace(search, max_evaluations=budget, samples=search.samples if spec.signed else 1)
+        options: Search | AsPublished = replace(
+            search, max_evaluations=budget, samples=search.samples if spec.signed else 1
+        )
         if published is not None:
             budget = published.iterations if last else max(1, published.iterations // 4)
             # with ξ scaled like the descriptor, the smoothness has the same share as at full size
-            smoothness = choose_smoothness(published, spec) / contrast
-            level_published = replace(published, iterations=budget, smoothness=smoothness)
-        settings.append(_LevelSettings(scale, small, small_size, target, level_published, level_search, budget))
+            options = replace(published, iterations=budget, smoothness=choose_smoothness(published, spec) / contrast)
+        settings.append(_LevelSettings(scale, small, small_size, target, options, budget))
     return settings
 
 

@@ -129,7 +129,6 @@ def reconstruct(
     >>> nablahog.reconstruct(descriptor[0].numpy(), spec, (32, 32), quality="fast").image.shape  # an array
     (32, 32)
     """
-    began = time.perf_counter()
     spec, targets = as_spec(spec), descriptors_as_tensor(descriptor)
     size = check_descriptor(targets, spec, image_size)
     published = as_published(
@@ -165,7 +164,7 @@ def reconstruct(
         progress=progress,
         watch=watch,
     )
-    return convert_like(replace(result, seconds=time.perf_counter() - began), descriptor)
+    return convert_like(result, descriptor)
 
 
 def search_preimages(
@@ -190,7 +189,7 @@ def search_preimages(
     that are not given, and gives the details and the confidence in the polarity.  With ``fix_polarity``, an image for
     an unsigned descriptor is replaced by its negative if that is likelier.
     """
-    spec = linear_vote_spec(dialect)
+    began, spec = time.perf_counter(), linear_vote_spec(dialect)
     draws = expected is None and learned is None and (spec.signed or start is not None)
     settings = _choose_settings(spec, quality, seed, search, objective, draws, learned)
     vectors = SEARCH_VECTORS + GRAPH_VECTORS * (search.minimiser == "dogleg" and targets.device.type != "cpu")
@@ -212,7 +211,7 @@ def search_preimages(
         image = negate(image, negative)
     if dialect.gamma == "sqrt":
         image = image.square()
-    return replace(build_reconstruction(image, targets, dialect, searches), polarity_confidence=confidence)
+    return replace(build_reconstruction(image, targets, dialect, searches, began), polarity_confidence=confidence)
 
 
 class _SearchSettings(NamedTuple):

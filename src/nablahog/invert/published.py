@@ -81,9 +81,7 @@ def reconstruct_as_published(
     if options.keep_iterates:
         iterates = torch.cat([search.iterates.flatten(0, 1) for search in searches])
         iterates = to_gray_values(iterates, spec).reshape(batch, -1, 1, height, width).transpose(0, 1)
-    return replace(
-        build_reconstruction(image, descriptor, spec, searches), seconds=time.perf_counter() - began, iterates=iterates
-    )
+    return replace(build_reconstruction(image, descriptor, spec, searches, began), iterates=iterates)
 
 
 def _centre(start: Tensor, grain: Tensor, spec: HOGSpec) -> Tensor:

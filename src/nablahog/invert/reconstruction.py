@@ -6,6 +6,7 @@ import base64
 import html
 import io
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -229,9 +230,9 @@ class SearchRecord:
 
 
 def build_reconstruction(
-    image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[SearchRecord]
+    image: Tensor, descriptor: Tensor, spec: HOGSpec, searches: Sequence[SearchRecord], began: float
 ) -> Reconstruction:
-    """The result of the searches of all parts, for images (B, 1, H, W) in 0…1; its seconds are not set yet."""
+    """The result of the searches of all parts, for images (B, 1, H, W) in 0…1; they ``began`` at that time."""
     length = max(int(search.evaluations.max()) for search in searches)
     return Reconstruction(
         image,
@@ -239,7 +240,7 @@ def build_reconstruction(
         [reason for search in searches for reason in search.stop_reason],
         torch.cat([search.history.fill(length) for search in searches], dim=1),
         torch.cat([search.evaluations for search in searches]),
-        seconds=0.0,
+        seconds=time.perf_counter() - began,
     )
 
 
