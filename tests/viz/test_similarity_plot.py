@@ -12,7 +12,7 @@ from PIL import Image
 
 from nablahog.viz.html import Drawing
 from nablahog.viz.pictures import RED
-from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, draw_boxes, draw_by_azimuth
+from nablahog.viz.similarity_plot import HEIGHTS, LEFT, RIGHT, VIEW, WIDTH, SimilarityPlot, draw_boxes, draw_by_azimuth
 
 TEXTS = {"kind": "patches", "remark": "central differences"}
 
@@ -100,3 +100,20 @@ def test_derivatives_are_drawn_over_what_they_are_compared_with() -> None:
     (_, differences), _, (_, derivatives) = drawn
     assert derivatives[10, 1] < differences[10, 1]  # 1 is above -1
     assert derivatives[100, 1] > differences[100, 1]
+
+
+def test_a_curve_that_is_not_yet_known_everywhere_and_a_steep_tangent_stay_within_their_parts() -> None:
+    values = np.where(np.arange(180) < 90, np.linspace(0, 2, 180), np.nan)
+    plot = SimilarityPlot(values, values, "a part", width=320, heights=(100, 80))
+    plot.curve(values, values)
+    plot.tangent(20.0, 0.1, 0.5)
+    upper, lower = lines(plot.drawing, "curve")
+    assert len(upper) == len(lower) == 90
+    (tangent,) = lines(plot.drawing, "path")
+    for axes, line in ((plot.top, upper), (plot.low, lower), (plot.top, tangent)):
+        assert (line[:, 1] >= axes.top - 1e-6).all()
+        assert (line[:, 1] <= axes.top + axes.height + 1e-6).all()
+        assert (line[:, 0] <= 320 - RIGHT).all()
+    across, down = tangent[1] - tangent[0]
+    per_pixel = (plot.top.largest - plot.top.least) / 100, 360 / (320 - LEFT - RIGHT)
+    assert -down * per_pixel[0] / (across * per_pixel[1]) == pytest.approx(0.5)

@@ -78,21 +78,21 @@ class AccessMiddleware:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        rejected = self.rules.rejection(scope) or _too_large(scope)
+        rejected = self.rules.rejection(scope)
         if rejected is not None:
             await _refusal(scope, *rejected)(scope, receive, send)
             return
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
-        most, read = _most_bytes(scope), 0
+        most, read = MOST_UPLOAD_BYTES if scope["path"] in UPLOADS else MOST_JSON, 0
 
         async def bounded() -> Message:
             nonlocal read
             message = await receive()
             read += len(message.get("body", b""))
             if read > most:
-                raise RequestError(413, _at_most(most))
+                raise RequestError(413, f"expected at most {most:,} bytes")
             return message
 
         async def with_headers(message: Message) -> None:
@@ -101,22 +101,6 @@ class AccessMiddleware:
             await send(message)
 
         await self.app(scope, bounded, with_headers)
-
-
-def _most_bytes(scope: Scope) -> int:
-    return MOST_UPLOAD_BYTES if scope["path"] in UPLOADS else MOST_JSON
-
-
-def _too_large(scope: Scope) -> tuple[int, str] | None:
-    """The refusal of a request whose header says that its body is too large, or None."""
-    length, most = Headers(scope=scope).get("content-length", "0"), _most_bytes(scope)
-    if not length.isascii() or not length.isdigit() or int(length[:20]) > most:
-        return 413, _at_most(most)
-    return None
-
-
-def _at_most(most: int) -> str:
-    return f"expected at most {most:,} bytes"
 
 
 def _refusal(scope: Scope, status: int, sentence: str) -> ASGIApp:

@@ -123,13 +123,11 @@ class SimilarityPlot:
         self.low.closed_line(derivatives, colour, 1.5)
 
     def tangent(self, azimuth: float, similarity: float, derivative: float) -> None:
-        """Draws a point in both parts, with its tangent in the upper one."""
-        self.top.line(
-            [azimuth - TANGENT_REACH, azimuth + TANGENT_REACH],
-            [similarity - TANGENT_REACH * derivative, similarity + TANGENT_REACH * derivative],
-            "path",
-            2,
-        )
+        """Draws a point in both parts, with its tangent in the upper one, which ends where that part does."""
+        room = min(self.top.largest - similarity, similarity - self.top.least)
+        reach = min(TANGENT_REACH, room / max(abs(derivative), 1e-12))
+        azimuths = [azimuth - reach, azimuth + reach]
+        self.top.line(azimuths, [similarity - reach * derivative, similarity + reach * derivative], "path", 2)
         for axes, value in ((self.top, similarity), (self.low, derivative)):
             self.drawing.dot((axes.x(azimuth), axes.y(value)), "path", 5)
 

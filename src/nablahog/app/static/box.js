@@ -8,7 +8,7 @@ import { Stage } from "./stage.js";
 const SHOWN = 640;
 
 export class BoxPicker {
-  #stage = new Stage("box-canvas");
+  #stage = new Stage("box-canvas", HTMLCanvasElement);
   #inputs = ["box-x0", "box-y0", "box-x1", "box-y1"].map((id) => element(id, HTMLInputElement));
   /** @type {import("./types.js").Box | null} */
   value = null;
@@ -20,7 +20,7 @@ export class BoxPicker {
     this.changed = changed;
     /** @type {[number, number] | null} */
     let from = null;
-    const canvas = this.#stage.canvas;
+    const canvas = this.#stage.picture;
     canvas.addEventListener("pointerdown", (event) => {
       from = this.#stage.at(event);
       canvas.setPointerCapture(event.pointerId);
@@ -59,7 +59,7 @@ export class BoxPicker {
   async show(photo, source, signal) {
     const picture = await source.picture(photo.id, SHOWN, signal);
     [this.#width, this.#height] = photo.width ? [photo.width, photo.height] : [picture.width, picture.height];
-    const canvas = this.#stage.canvas;
+    const canvas = this.#stage.picture;
     paint(canvas, picture);
     canvas.setAttribute("aria-label", `The photograph ${photo.name}, ${this.#width} by ${this.#height} pixels`);
     this.#stage.fit(this.#width, this.#height);

@@ -8,7 +8,6 @@ import { bringIntoSight, checked, debounce, element, enable, figure, make, numbe
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { showSnippets } from "./snippets.js";
 import { MeshChooser } from "./mesh.js";
-import { Painter } from "./painter.js";
 import { PoseControls, poseTables, proper } from "./pose.js";
 import { announce, clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
 import { Scene } from "./scene.js";
@@ -24,8 +23,8 @@ export class Fit {
   #controls = new PoseControls((pose) => this.#turn(proper(pose)));
   #scene = new Scene(() => this.#controls.value, (pose) => this.#turn(pose));
   #curve;
-  #photoGlyphs = new Painter(element("photo-glyphs", HTMLCanvasElement));
-  #renderGlyphs = new Painter(element("render-glyphs", HTMLCanvasElement));
+  #photoGlyphs = element("photo-glyphs", HTMLImageElement);
+  #renderGlyphs = element("render-glyphs", HTMLImageElement);
   #photo = new LatestRequest("fit-progress");
   #options;
   #focal = element("focal", HTMLInputElement);
@@ -218,7 +217,7 @@ export class Fit {
       this.#intoSight();
     }
     element("fit-result", HTMLElement).hidden = true;
-    this.#photoGlyphs.show(message.photo_glyphs.image, true);
+    this.#photoGlyphs.src = addressOf(message.photo_glyphs.image);
     await this.#scene.setCrop(message.image, message.crop.side);
     this.#turn(this.#controls.value, this.app.address.get("pose") === null);
   }
@@ -271,7 +270,7 @@ export class Fit {
     element("similarity", HTMLElement).replaceChildren(make("strong", {}, `Similarity ${figure(message.similarity, 4)}`),
       make("br"), `Derivative per degree: azimuth ${figure(message.derivative[0], 4)}, elevation ${figure(message.derivative[1], 4)}`,
       make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
-    this.#renderGlyphs.show(message.glyphs.image, true);
+    this.#renderGlyphs.src = addressOf(message.glyphs.image);
     this.#curve.show(message.chart);
     if (!this.#waits.fit) {
       this.#curve.later(message.pose);

@@ -3,23 +3,24 @@
 import { getBlob, postFile, postJson } from "./api.js";
 import { Options } from "./controls.js";
 import { DistanceChart } from "./distance_chart.js";
-import { bringIntoSight, checked, element, enable, figure, make, onPress, table } from "./dom.js";
+import { bringIntoSight, checked, element, enable, figure, make, onPress, prefersReducedMotion, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert } from "./inversion.js";
 import { showSnippets } from "./snippets.js";
-import { Painter } from "./painter.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
 import { Stage } from "./stage.js";
 import { wipe } from "./wipe.js";
+
+/** Milliseconds between frames for readers who want less motion. */
+const REDUCED = 500;
 
 export class Invert {
   #options;
   #start = element("invert-start", HTMLButtonElement);
   #stop = element("invert-stop", HTMLButtonElement);
   #goOn = element("invert-go-on", HTMLButtonElement);
-  #canvas = element("preimage", HTMLCanvasElement);
-  #stage = new Stage("preimage");
-  #painter = new Painter(this.#canvas);
+  #stage = new Stage("preimage", HTMLImageElement);
+  #image = this.#stage.picture;
   #chart = new DistanceChart("distance-chart");
   #newest = new LatestRequest("invert-progress");
   /** @type {import("./types.js").InvertDone | null} */
@@ -27,6 +28,7 @@ export class Invert {
   /** @type {string | null} base64 of the newest frame */
   #frame = null;
   #frames = 0;
+  #painted = 0;
   /** @type {[number, number][]} */
   #curve = [];
   #drawing = 0;
@@ -86,15 +88,14 @@ export class Invert {
 
   #reset() {
     this.#newest.abort();
-    this.#painter.forget();
     this.#runs++;
     this.#done = this.#frame = null;
     this.#frames = 0;
     this.#curve = [];
-    this.#canvas.width = this.#canvas.height = 2;
-    this.#canvas.dataset.frames = "0";
+    this.#image.removeAttribute("src");
+    this.#image.dataset.frames = "0";
     this.#state("", "The pre-image appears here: an image that has the same descriptor.");
-    this.#canvas.setAttribute("aria-label", "No pre-image yet");
+    this.#image.setAttribute("aria-label", "No pre-image yet");
     this.#chart.show([], "No points yet");
     element("figures", HTMLElement).replaceChildren();
     element("invert-said", HTMLElement).textContent = "";
@@ -107,7 +108,7 @@ export class Invert {
    * @param {string} caption
    */
   #state(state, caption) {
-    this.#canvas.dataset.state = state;
+    this.#image.dataset.state = state;
     element("preimage-caption", HTMLElement).textContent = caption;
     enable(this.#stop, state === "running");
     enable(this.#start, state !== "running");
@@ -134,11 +135,10 @@ export class Invert {
     if (!start) {
       this.#curve = [];
       this.#frame = null;
-      this.#painter.forget();
     }
     this.#done = null;
     this.#frames = 0;
-    this.#canvas.dataset.frames = "0";
+    this.#image.dataset.frames = "0";
     element("invert-result", HTMLElement).hidden = true;
     element("invert-said", HTMLElement).textContent = "";
     this.#state("running", "The pre-image is being made.");
@@ -146,22 +146,22 @@ export class Invert {
     let photograph = null;
     const body = { ...this.#asked, ...this.#options.value, start };
     const controls = this.#start.closest(".bar") ?? this.#start;
-    bringIntoSight(controls, this.#canvas);
+    bringIntoSight(controls, this.#image);
     const result = await this.#newest.run("Making the pre-image", (signal, wait) => invert(body, signal, {
       queued: (count) => wait.say(count ? `Waiting: ${count} before this one` : "Waiting for the server"),
       start: (data) => {
         photograph = data.photograph;
         this.#stage.fit(data.image_size[1], data.image_size[0]);
-        bringIntoSight(controls, this.#canvas);
+        bringIntoSight(controls, this.#image);
         wait.say("Making the pre-image", 0, data.most);
       },
       frame: (data) => {
         if (signal.aborted) return;
         this.#frames++;
         this.#frame = data.image;
-        this.#canvas.dataset.frames = String(this.#frames);
+        this.#image.dataset.frames = String(this.#frames);
         this.#curve.push([before + data.evaluations, data.distance]);
-        this.#painter.show(data.image);
+        this.#paint(data.image);
         wait.say(`Making the pre-image: ${data.evaluations} evaluations`, data.evaluations, data.most);
         this.#later(data);
       },
@@ -172,6 +172,13 @@ export class Invert {
     if (result) this.#finish(result, photograph, before, source.name);
     else if (this.#frame) this.#stopped();
     else this.#reset();
+  }
+
+  /** @param {string} base64 a frame; those that come too fast for readers who want less motion are left out */
+  #paint(base64) {
+    if (prefersReducedMotion() && performance.now() - this.#painted < REDUCED) return;
+    this.#image.src = addressOf(base64);
+    this.#painted = performance.now();
   }
 
   /** @param {import("./types.js").InvertFrame} frame draws curve and figures with the next picture of the screen */
@@ -185,10 +192,10 @@ export class Invert {
   }
 
   #stopped() {
-    if (this.#frame) this.#painter.show(this.#frame, true);
+    if (this.#frame) this.#image.src = addressOf(this.#frame);
     this.#drawCurve();
     this.#state("stopped", "Stopped. This is the last frame.");
-    this.#canvas.setAttribute("aria-label", "The last frame of the pre-image");
+    this.#image.setAttribute("aria-label", "The last frame of the pre-image");
     element("invert-said", HTMLElement).textContent = `Stopped after ${this.#frames} frames.`;
   }
 
@@ -201,14 +208,14 @@ export class Invert {
   #finish(done, photograph, before, name) {
     this.#done = done;
     this.#frame = done.image;
-    this.#painter.show(done.image, true);
+    this.#image.src = addressOf(done.image);
     if (this.#curve.length < 2 && done.history.length > 1) {
       const step = done.evaluations / (done.history.length - 1);
       this.#curve = done.history.map((distance, i) => [before + i * step, distance]);
     }
     this.#drawCurve();
     this.#state("done", `Pre-image, distance ${figure(done.distance)}`);
-    this.#canvas.setAttribute("aria-label", `The pre-image of ${name || "the descriptor"}`);
+    this.#image.setAttribute("aria-label", `The pre-image of ${name || "the descriptor"}`);
     this.#figures([["Distance", figure(done.distance)], ["CC", figure(done.cc)], ["SSIM", figure(done.ssim)],
       ["MI", figure(done.mi)], ["PSNR", done.psnr === null ? "–" : `${figure(done.psnr, 1)} dB`],
       ["Evaluations", String(done.evaluations)], ["Seconds", figure(done.seconds, 1)], ["Stopped because", done.stop_reason]]);

@@ -10,8 +10,8 @@ import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./pr
 import { Stage } from "./stage.js";
 
 export class See {
-  #picture = new Stage("picture");
-  #glyphs = new Stage("glyphs");
+  #picture = new Stage("picture", HTMLCanvasElement);
+  #glyphs = new Stage("glyphs", HTMLCanvasElement);
   #newest = new LatestRequest("see-progress");
   #newestCell = new LatestRequest("see-progress");
   #options;
@@ -34,9 +34,9 @@ export class See {
     element("see-download", HTMLButtonElement).addEventListener("click", () => void this.#download());
     for (const stage of [this.#picture, this.#glyphs]) {
       const look = (/** @type {PointerEvent} */ event) => this.#lookAt(stage.at(event));
-      stage.canvas.addEventListener("pointermove", look);
-      stage.canvas.addEventListener("pointerdown", look);
-      stage.canvas.addEventListener("keydown", (event) => this.#key(event));
+      stage.picture.addEventListener("pointermove", look);
+      stage.picture.addEventListener("pointerdown", look);
+      stage.picture.addEventListener("keydown", (event) => this.#key(event));
     }
   }
 
@@ -85,13 +85,13 @@ export class See {
     const [tall, wide] = [hog.glyphs.rows * hog.glyphs.cell[0], hog.glyphs.cols * hog.glyphs.cell[1]];
     element("picture-figure", HTMLElement).hidden = !picture;
     if (picture) {
-      paint(this.#picture.canvas, picture);
+      paint(this.#picture.picture, picture);
       this.#picture.fit(width, height, Math.max(width, wide), Math.max(height, tall));
-      this.#picture.canvas.setAttribute("aria-label", `The photograph ${source.name}, ${width} by ${height} pixels`);
+      this.#picture.picture.setAttribute("aria-label", `The photograph ${source.name}, ${width} by ${height} pixels`);
     }
-    paint(this.#glyphs.canvas, glyphs);
+    paint(this.#glyphs.picture, glyphs);
     this.#glyphs.fit(wide, tall, picture ? Math.max(width, wide) : wide, picture ? Math.max(height, tall) : tall);
-    this.#glyphs.canvas.setAttribute("aria-label",
+    this.#glyphs.picture.setAttribute("aria-label",
       `Glyphs of ${source.name}: ${hog.glyphs.rows} rows and ${hog.glyphs.cols} columns of cells`);
     element("picture-caption", HTMLElement).textContent = `Photograph, ${width} × ${height} pixels`;
     element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyphs.rows} × ${hog.glyphs.cols} cells`;
@@ -102,7 +102,7 @@ export class See {
     announce(shape);
     element("see-download", HTMLButtonElement).disabled = false;
     showSnippets(element("see-snippets", HTMLElement), hog.snippets, this.app.source.sample);
-    this.#glyphs.canvas.dataset.key = hog.key;
+    this.#glyphs.picture.dataset.key = hog.key;
     if (this.#at) this.#mark(Math.min(this.#at[0], hog.glyphs.rows - 1), Math.min(this.#at[1], hog.glyphs.cols - 1));
   }
 
@@ -123,11 +123,11 @@ export class See {
     element("see-shown", HTMLElement).hidden = true;
     this.#hog = null;
     for (const stage of [this.#picture, this.#glyphs]) {
-      stage.canvas.width = stage.canvas.height = 2;
-      stage.canvas.setAttribute("aria-label", "Nothing is shown");
+      stage.picture.width = stage.picture.height = 2;
+      stage.picture.setAttribute("aria-label", "Nothing is shown");
       stage.mark([]);
     }
-    delete this.#glyphs.canvas.dataset.key;
+    delete this.#glyphs.picture.dataset.key;
     element("cell", HTMLElement).replaceChildren();
     element("see-download", HTMLButtonElement).disabled = true;
   }

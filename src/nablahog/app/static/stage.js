@@ -1,37 +1,37 @@
-/** A canvas with another one over it, for marks in pixels of an image. */
+/** A picture with marks over it, in pixels of the image. */
 
-import { element } from "./dom.js";
+import { draw, element } from "./dom.js";
 
 /** Part of the window's height that a picture takes at most. */
 const TALLEST = 75;
 
+/** @template {HTMLElement} T a canvas or an image */
 export class Stage {
   /** @type {[number, number]} width, height in pixels of the image */
   extent = [1, 1];
-  #over;
-  /** @type {{box: import("./types.js").Box, strong: boolean}[]} */
-  #marks = [];
 
-  /** @param {string} id of the canvas */
-  constructor(id) {
-    this.canvas = element(id, HTMLCanvasElement);
-    this.#over = this.canvas.parentElement?.querySelector("canvas.over") ?? null;
-    new ResizeObserver(() => this.#draw()).observe(this.canvas);
+  /**
+   * @param {string} id of the picture
+   * @param {new () => T} kind
+   */
+  constructor(id, kind) {
+    this.picture = element(id, kind);
+    this.over = this.picture.parentElement?.querySelector("svg.over") ?? null;
   }
 
   /**
-   * @param {number} width of what the canvas shows, in pixels of the image
+   * @param {number} width of what the picture shows, in pixels of the image
    * @param {number} height
    * @param {number} [widest] of what stands beside it, so that both have one scale
    * @param {number} [highest]
    */
   fit(width, height, widest = width, highest = height) {
     this.extent = [width, height];
-    const stage = this.canvas.parentElement;
+    this.over?.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    const stage = this.picture.parentElement;
     if (!stage) return;
     stage.style.width = `min(${100 * width / widest}%, ${TALLEST * width / highest}vh)`;
     stage.style.aspectRatio = `${width} / ${height}`;
-    this.#draw();
   }
 
   /**
@@ -39,32 +39,14 @@ export class Stage {
    * @returns {[number, number]} in pixels of the image
    */
   at(event) {
-    const box = this.canvas.getBoundingClientRect();
+    const box = this.picture.getBoundingClientRect();
     return [(event.clientX - box.left) / box.width * this.extent[0], (event.clientY - box.top) / box.height * this.extent[1]];
   }
 
   /** @param {{box: import("./types.js").Box, strong: boolean}[]} marks */
   mark(marks) {
-    this.#marks = marks;
-    this.#draw();
-  }
-
-  #draw() {
-    if (!(this.#over instanceof HTMLCanvasElement)) return;
-    const box = this.canvas.getBoundingClientRect();
-    const ratio = devicePixelRatio || 1;
-    this.#over.width = Math.round(box.width * ratio);
-    this.#over.height = Math.round(box.height * ratio);
-    const context = this.#over.getContext("2d");
-    if (!context) return;
-    const [sx, sy] = [this.#over.width / this.extent[0], this.#over.height / this.extent[1]];
-    for (const { box: [x0, y0, x1, y1], strong } of this.#marks) {
-      // dark under bright, to be seen on every picture
-      for (const [style, wide] of /** @type {[string, number][]} */ ([["#000", strong ? 4 : 3], [strong ? "#ffd23f" : "#fff", strong ? 2 : 1]])) {
-        context.strokeStyle = style;
-        context.lineWidth = wide * ratio;
-        context.strokeRect(x0 * sx, y0 * sy, (x1 - x0) * sx, (y1 - y0) * sy);
-      }
-    }
+    // dark under bright, to be seen on every picture
+    this.over?.replaceChildren(...marks.flatMap(({ box: [x0, y0, x1, y1], strong }) => ["dark", "bright"].map((shade) =>
+      draw("rect", { class: `${shade} ${strong ? "strong" : ""}`, x: x0, y: y0, width: x1 - x0, height: y1 - y0 }))));
   }
 }
