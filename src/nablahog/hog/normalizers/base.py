@@ -164,6 +164,6 @@ def root(values: Tensor) -> Tensor:
     return values.masked_fill(zero, 1.0).sqrt().masked_fill(zero, 0.0)
 
 
-def clipped(entries: Tensor, clip: float) -> Tensor:
+def clipped(values: Tensor, clip: float) -> Tensor:
     """Clips at ``clip``, with the mean of the one-sided derivatives there, unlike ``clamp``."""
-    return entries.minimum(entries.new_full((), clip))  # a number that is made on the device
+    return values.minimum(values.new_full((), clip))  # a number that is made on the device

@@ -116,8 +116,8 @@ class FourBlockNorm(Normalizer):
         if self.outside == "drop":
             histograms, undirected, factors = (x[..., 1:-1, 1:-1] for x in (histograms, undirected, factors))
 
-        def blocks(entries: Tensor) -> Tensor:
-            return clipped(entries.unsqueeze(1) * factors, self.clip)  # (B, 4, bins, rows, cols)
+        def blocks(cells: Tensor) -> Tensor:
+            return clipped(cells.unsqueeze(1) * factors, self.clip)  # (B, 4, bins, rows, cols)
 
         makers: dict[Part, Callable[[], Tensor]] = {
             "directed": lambda: blocks(histograms).sum(dim=1) / 2,
@@ -195,11 +195,11 @@ class FourBlockNorm(Normalizer):
         """Weights of directed and undirected channels together."""
         import torch
 
-        entries = self.cell_entries(weights, bins, signed)
+        directed = self.cell_entries(weights, bins, signed)
         if not signed or not {"directed", "undirected"} <= {*self.parts}:
-            return entries
+            return directed
         undirected = self.split(weights, bins, signed)["undirected"]
-        return (entries + torch.cat([undirected, undirected], dim=1) / 2) / 2
+        return (directed + torch.cat([undirected, undirected], dim=1) / 2) / 2
 
     def edge_strengths(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The undirected entries, or for want of them the directed ones, or the mean over the blocks."""

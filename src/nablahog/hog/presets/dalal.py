@@ -65,7 +65,7 @@ def paper(
     )
 
 
-_DALAL = replace(
+_DALAL_TRIGGS = replace(
     paper(),
     name="dalal-triggs",
     value_range=255.0,
@@ -100,7 +100,7 @@ def dalal_triggs(
     check_choice("norm", norm, BlockForm)
     cell = pair(cell_size)
     return replace(
-        _DALAL,
+        _DALAL_TRIGGS,
         bins=bins,
         cell_size=cell,
         normalizer=BlockNorm((2, 2), step=(2, 2), form=norm, epsilon=epsilon, epsilon_again=1e-3),
@@ -143,7 +143,7 @@ def skimage(
     """
     check_choice("block_norm", block_norm, BlockForm)
     return replace(
-        _DALAL,
+        _DALAL_TRIGGS,
         name="skimage",
         value_range=value_range,
         colour="gray" if channel_axis is None else "largest",
@@ -204,7 +204,7 @@ def opencv(
             )
     cells = block[0] // cell[0], block[1] // cell[1]
     return replace(
-        _DALAL,
+        _DALAL_TRIGGS,
         name="opencv",
         bins=nbins,
         signed=signed,
@@ -212,7 +212,7 @@ def opencv(
         normalizer=BlockNorm(
             cells,
             step=cells,
-            epsilon=0.1 * cells[0] * cells[1] * replace(_DALAL, bins=nbins).bins,  # after it was checked
+            epsilon=0.1 * cells[0] * cells[1] * replace(_DALAL_TRIGGS, bins=nbins).bins,  # after it was checked
             epsilon_again=1e-3,
             epsilon_outside_root=True,
             clip=l2hys_threshold,
@@ -254,7 +254,7 @@ def maskfeat(
     torch.Size([1, 28, 28, 27])
     """
     return replace(
-        _DALAL,
+        _DALAL_TRIGGS,
         name="maskfeat",
         colour="separate",
         bins=nbins,
