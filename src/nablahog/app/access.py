@@ -45,15 +45,15 @@ class AccessRules:
         """Status and sentence for a request that is not accepted; else None."""
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
-        if self.token is None and _name(host) not in map(_name, self.hosts):
+        if self.token is None and _strip_port(host) not in map(_strip_port, self.hosts):
             return 421, f"this server answers to {', '.join(sorted(self.hosts))}, not to {host[:80]!r}"
         # a proxy in front names the host that it was asked for; a page of another site cannot set that header
-        asked = {host, headers.get("x-forwarded-host", host)}
-        ours = {f"{scheme}://{each}" for scheme in ("http", "https") for each in asked}
+        names = {host, headers.get("x-forwarded-host", host)}
+        ours = {f"{scheme}://{name}" for scheme in ("http", "https") for name in names}
         if origin is not None and origin not in ours:
             return 403, f"requests of other pages are refused; this one is from {origin[:80]!r}"
-        asked_by = headers.get("sec-fetch-site", "same-origin")
-        if asked_by not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere
+        site = headers.get("sec-fetch-site", "same-origin")
+        if site not in ("same-origin", "none") and scope["path"] != "/":  # a link to the page may be anywhere
             return 403, "requests of other pages are refused"
         if self.token is not None and not scope["path"].startswith("/static/"):
             query = parse_qs(scope["query_string"].decode("latin-1"))
@@ -63,7 +63,7 @@ class AccessRules:
         return None
 
 
-def _name(host: str) -> str:
+def _strip_port(host: str) -> str:
     """A host without its port."""
     return re.sub(r":\d*$", "", host)
 

@@ -26,9 +26,9 @@ from .snippets import write_inversion_snippets
 from .store import DescriptorEntry, Photograph, Store
 from .work_queue import CancelToken
 
-PAUSE = 0.07  # seconds between frames, at least
-FIRST = 20  # evaluations before the first frame of a signed descriptor
-POINTS = 200  # on the curve of distances
+FRAME_PAUSE = 0.07  # seconds between frames, at least
+FIRST_EVALUATIONS = 20  # evaluations before the first frame of a signed descriptor
+MOST_POINTS = 200  # on the curve of distances
 Event: TypeAlias = tuple[str, dict[str, Any]]
 
 
@@ -100,7 +100,7 @@ def _snippets(request: InvertMessage, entry: DescriptorEntry) -> dict[str, str]:
 
 def _integral(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
     """A rough image that the votes integrate to, shown while the search prepares."""
-    histograms = recover_histograms(descriptor, linear_vote_spec(spec), size, max_evaluations=FIRST)
+    histograms = recover_histograms(descriptor, linear_vote_spec(spec), size, max_evaluations=FIRST_EVALUATIONS)
     return starting_images(histograms, linear_vote_spec(spec), *size, count=1, seed=0, spread=0.0)[:, 0]
 
 
@@ -135,7 +135,7 @@ class _Watch:
 
     def __call__(self, iterate: Iterate) -> None:
         self.cancel.check()
-        if time.monotonic() - self._sent < PAUSE:
+        if time.monotonic() - self._sent < FRAME_PAUSE:
             return
         image = iterate.image[0, 0]
         figures = _measures(image, self.reference, ("CC", "SSIM"))
@@ -165,6 +165,6 @@ def _measures(
 
 
 def _thin_out(distances: Tensor) -> list[float]:
-    """At most :data:`POINTS` of the distances, the last one included."""
-    steps = torch.linspace(0, len(distances) - 1, min(POINTS, len(distances))).round().long()
+    """At most :data:`MOST_POINTS` of the distances, the last one included."""
+    steps = torch.linspace(0, len(distances) - 1, min(MOST_POINTS, len(distances))).round().long()
     return [round(value, 5) for value in distances[steps].tolist()]

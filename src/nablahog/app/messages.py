@@ -198,16 +198,16 @@ def _as_message(struct: Any, message: type[Message]) -> Message:
 @cache
 def _struct(message: type, tag: str | None = None) -> type[Struct]:
     """The type of a message in JSON: the fields of its request that the page has, in their ranges, and its own."""
-    options, hints = {each.name: each for each in options_of(message)}, get_type_hints(message)
+    options, hints = {option.name: option for option in options_of(message)}, get_type_hints(message)
     fields: list[Any] = []
     for field in dataclasses.fields(message):
-        about = options.get(field.name)
-        if about is None:
+        declared = options.get(field.name)
+        if declared is None:
             kind, default = _bounded(hints[field.name]), field.default
-        elif about.on_page:
-            least, most = about.kind.least, about.kind.most
-            kind, default = _bounded(about.hint, least, most, above=about.kind.above), about.default
-            kind = Literal[about.page_choices] if about.page_choices and about.hint is str else kind
+        elif declared.on_page:
+            least, most = declared.kind.least, declared.kind.most
+            kind, default = _bounded(declared.hint, least, most, above=declared.kind.above), declared.default
+            kind = Literal[declared.page_choices] if declared.page_choices and declared.hint is str else kind
         else:
             continue
         fields.append((field.name, kind) if default is dataclasses.MISSING else (field.name, kind, default))
@@ -225,7 +225,7 @@ def _bounded(hint: Any, least: float | None = None, most: float | None = None, *
         return Annotated[hint, Meta(gt=least, le=most) if above else Meta(ge=least, le=most)]
     if hint is str:
         return Annotated[str, Meta(max_length=LONGEST_TEXT)]
-    origin, inner = get_origin(hint), [_bounded(each, least, most, above=above) for each in get_args(hint)]
+    origin, inner = get_origin(hint), [_bounded(part, least, most, above=above) for part in get_args(hint)]
     if origin in (UnionType, Union):
         return Union[tuple(inner)]  # noqa: UP007
     if origin is tuple:

@@ -39,8 +39,8 @@ TYPES = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/j
 OFFERED_CHAIRS = ("wooden-0", "windsor-0", "tubular-0", "office-0", "shell-0", "club-0")  # of the sample chairs
 CHAIR_POSE = (35.0, 20.0, 3.0)  # azimuth and elevation in degrees, and distance, of the chair in a photograph
 SCENE_SIZE, SCENE_FOCAL = 224, 420.0  # pixels of that photograph
-QUICK, LONG = 64, 32  # computations that may wait in each queue
-UPLOADS_AT_ONCE, PATIENCE = 4, 60.0  # the second in seconds
+MOST_QUICK, MOST_LONG = 64, 32  # computations that may wait in each queue
+UPLOADS_AT_ONCE, UPLOAD_SECONDS = 4, 60.0
 Answer = TypeVar("Answer")
 Handler: TypeAlias = Callable[[Request], Awaitable[Response]]
 StoreFile: TypeAlias = Callable[[bytes, str, Mapping[str, str], Store], dict[str, Any]]
@@ -51,7 +51,7 @@ class Server:
 
     def __init__(self, photographs: Sequence[Photograph] = ()) -> None:
         self.store = Store(secrets.token_bytes(16))
-        self.quick, self.long = WorkQueue("quick", QUICK), WorkQueue("long", LONG)
+        self.quick, self.long = WorkQueue("quick", MOST_QUICK), WorkQueue("long", MOST_LONG)
         self._uploads = asyncio.Semaphore(UPLOADS_AT_ONCE)
         for number, photograph in enumerate(photographs):
             self.store.pin(f"photo-{number}", photograph)
@@ -104,28 +104,30 @@ class Server:
         """The handler of uploads of a kind; few are in memory at once, and slow ones are refused."""
 
         async def uploaded(request: Request) -> Response:
-            name, query = _name(request, default), dict(request.query_params)
+            name, query = _read_name(request, default), dict(request.query_params)
             async with self._uploads:
                 try:
-                    data = await asyncio.wait_for(request.body(), PATIENCE)
+                    data = await asyncio.wait_for(request.body(), UPLOAD_SECONDS)
                 except asyncio.TimeoutError:
-                    raise RequestError(408, f"the upload took more than {PATIENCE:g} seconds; try again") from None
+                    raise RequestError(
+                        408, f"the upload took more than {UPLOAD_SECONDS:g} seconds; try again"
+                    ) from None
                 return await self._json(request, self.quick, lambda _: store_file(data, name, query, self.store))
 
         return _with_json_errors(uploaded)
 
     async def _photograph(self, request: Request) -> Response:
-        photograph, size = self.store.get(request.path_params["id"], Photograph), _integer(request, "size", 1024)
+        photograph, size = self.store.get(request.path_params["id"], Photograph), _read_integer(request, "size", 1024)
         picture = await self.quick.run(lambda _: encode_png(photograph.shrunk(max(8, min(size, SEE_SIZE)))))
         return Response(picture, media_type="image/png")
 
     async def _hog(self, request: Request) -> Response:
-        asked = decode(await request.body(), HogMessage)
-        return await self._json(request, self.quick, lambda _: see.see(asked, self.store))
+        message = decode(await request.body(), HogMessage)
+        return await self._json(request, self.quick, lambda _: see.see(message, self.store))
 
     async def _cell(self, request: Request) -> Response:
         entry = self.store.get(request.path_params["id"], DescriptorEntry)
-        row, col = _integer(request, "row"), _integer(request, "col")
+        row, col = _read_integer(request, "row"), _read_integer(request, "col")
         return await self._json(request, self.quick, lambda _: see.cell(entry, row, col))
 
     async def _descriptor_file(self, request: Request) -> Response:
@@ -135,32 +137,32 @@ class Server:
         return Response(data, media_type="application/octet-stream", headers=headers)
 
     async def _pose(self, request: Request) -> Response:
-        asked = decode(await request.body(), PoseMessage)
+        message = decode(await request.body(), PoseMessage)
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
-            fitting = Fitting.open(asked, self.store)
-            return fitting.figures(fitting.fit(asked, lambda message: None, cancel), asked)
+            fitting = Fitting.open(message, self.store)
+            return fitting.figures(fitting.fit(message, lambda _: None, cancel), message)
 
         return await self._json(request, self.long, fitted)
 
     async def _invert(self, request: Request) -> Response:
-        asked = decode(await request.body(), InvertMessage)
+        message = decode(await request.body(), InvertMessage)
         # a refusal here has an HTTP status
-        entry = await self.quick.run(lambda _: store.requested_descriptor(asked, self.store))
-        return StreamingResponse(self._frames(asked, entry), media_type="text/event-stream")
+        entry = await self.quick.run(lambda _: store.requested_descriptor(message, self.store))
+        return StreamingResponse(self._frames(message, entry), media_type="text/event-stream")
 
-    async def _frames(self, asked: InvertMessage, entry: DescriptorEntry) -> AsyncIterator[bytes]:
+    async def _frames(self, message: InvertMessage, entry: DescriptorEntry) -> AsyncIterator[bytes]:
         """The events of an inversion; when the page goes, this is closed, and the search ends."""
-        search = partial(invert, asked, entry, self.store)
-        yield _event("queued", {"waiting": self.long.count})
+        search = partial(invert, message, entry, self.store)
+        yield _encode_event("queued", {"waiting": self.long.count})
         try:
             async with aclosing(self.long.stream(search, lambda event: event[0] == "frame")) as events:
                 async for event in events:
-                    yield _event(*event)
+                    yield _encode_event(*event)
         except Cancelled:
             pass
         except Exception as error:
-            yield _event("error", as_answer(error).answer)
+            yield _encode_event("error", as_answer(error).answer)
 
     async def _fit(self, socket: Any) -> None:
         await self.ready()
@@ -227,17 +229,17 @@ async def _no_such_address(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": error.detail.lower()}, error.status_code)
 
 
-def _event(name: str, data: dict[str, Any]) -> bytes:
+def _encode_event(name: str, data: dict[str, Any]) -> bytes:
     return f"event: {name}\ndata: {json.dumps(data, allow_nan=False)}\n\n".encode()
 
 
-def _name(request: Request, default: str) -> str:
+def _read_name(request: Request, default: str) -> str:
     """The user's name of an uploaded file; it is shown, and its ending is read, nothing else."""
     name = request.query_params.get("name", default)[-120:].replace("\\", "/").rpartition("/")[2]
     return "".join(character if character.isprintable() else "�" for character in name) or default
 
 
-def _integer(request: Request, name: str, default: int | None = None) -> int:
+def _read_integer(request: Request, name: str, default: int | None = None) -> int:
     text = request.query_params.get(name, "" if default is None else str(default))
     if not (text.isascii() and text.isdigit() and len(text) < 7):
         raise RequestError(422, f"expected {name} as an integer, got {text[:40]!r}")

@@ -36,7 +36,7 @@ from .messages import GONE, SEE_SIZE, HogMessage, InvertMessage, RequestError, a
 from .snippets import Reading, write_array_reading, write_file_reading, write_model_reading
 
 MOST_STORED_BYTES = 2**29
-SMALLER = 4  # smaller sizes of a photograph that are kept
+MOST_SMALLER_SIZES = 4  # of a photograph, in memory
 MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
 MOST_CELLS = 2**14  # in a descriptor, that the page can draw
@@ -59,7 +59,7 @@ class Photograph:
     shrunk: Callable[[int], Tensor] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self.shrunk = lru_cache(SMALLER)(partial(limit_size, self.image))
+        self.shrunk = lru_cache(MOST_SMALLER_SIZES)(partial(limit_size, self.image))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -69,7 +69,7 @@ class Photograph:
     @property
     def nbytes(self) -> int:
         smaller = min(self.image.numel(), 3 * SEE_SIZE**2)
-        return 4 * (self.image.numel() + SMALLER * smaller)
+        return 4 * (self.image.numel() + MOST_SMALLER_SIZES * smaller)
 
 
 @dataclass(frozen=True, eq=False)

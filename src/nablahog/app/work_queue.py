@@ -11,7 +11,7 @@ from typing import TypeVar
 from .messages import RequestError
 
 T = TypeVar("T")
-WAITING = 3  # frames of a search that wait for a slow page; more are dropped
+MOST_WAITING = 3  # frames of a search that wait for a slow page; more are dropped
 
 
 class Cancelled(Exception):
@@ -65,12 +65,12 @@ class WorkQueue:
     ) -> AsyncGenerator[T, None]:
         """What ``work`` sends, as it comes; when this is closed, the work ends.
 
-        Of droppable items, at most :data:`WAITING` wait for a slow reader.
+        Of droppable items, at most :data:`MOST_WAITING` wait for a slow reader.
         """
         loop, sent = asyncio.get_running_loop(), asyncio.Queue[T | None]()
 
         def put(item: T) -> None:
-            if not droppable(item) or sent.qsize() < WAITING:
+            if not droppable(item) or sent.qsize() < MOST_WAITING:
                 sent.put_nowait(item)
 
         def send(item: T) -> None:

@@ -29,11 +29,11 @@ COLOURS = {  # by name: in light mode and in dark mode
     "path": ("#a85b00", "#f0a24a"),
     "mark": ("#d9170c", "#ff6b61"),
 }
-LONG = 40  # characters above which a text in a table gets a wide column
+LONG_TEXT = 40  # characters above which a text in a table gets a wide column
 
 
 @cache
-def _template(name: str) -> jinja2.Template:
+def _load_template(name: str) -> jinja2.Template:
     """A template that escapes all that is inserted, and raises for undefined names."""
     import jinja2  # few commands need it
     import markupsafe
@@ -42,7 +42,7 @@ def _template(name: str) -> jinja2.Template:
     environment = jinja2.Environment(loader=loader, undefined=undefined, autoescape=True, trim_blocks=True)
     environment.filters |= {
         "png": png,
-        "text": lambda name: markupsafe.Markup(_text(name)),
+        "text": lambda name: markupsafe.Markup(_read_text(name)),
         "inner": _inner,
         "figure": figure,
         "table": _table,
@@ -51,7 +51,7 @@ def _template(name: str) -> jinja2.Template:
     environment.tests |= {
         "cell": lambda value: isinstance(value, Cell),
         "panel": lambda value: isinstance(value, Panel),
-        "long": lambda value: isinstance(value, str) and len(value) > LONG,
+        "long": lambda value: isinstance(value, str) and len(value) > LONG_TEXT,
     }
     return environment.get_template(name)
 
@@ -60,7 +60,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 @cache
-def _text(name: str) -> str:
+def _read_text(name: str) -> str:
     """A style sheet or script, as it is."""
     return (TEMPLATES / name).read_text(encoding="utf-8")
 
@@ -128,7 +128,7 @@ class Drawing:
 
     def svg(self) -> str:
         """The text of the SVG: a file, or a part of a page."""
-        return _template("drawing.svg").render(drawing=self, colours=COLOURS)
+        return _load_template("drawing.svg").render(drawing=self, colours=COLOURS)
 
 
 @dataclass(frozen=True)
@@ -206,12 +206,12 @@ def page(
         first: a section above the table.
         caption: the caption of the table.
     """
-    return _template("page.html").render(
+    return _load_template("page.html").render(
         title=title,
         lead=lead,
         rows=table,
         caption=caption,
-        sections=[each for each in sections if each.panels or each.table or each.compared or each.drawings],
+        sections=[part for part in sections if part.panels or part.table or part.compared or part.drawings],
         definitions=definitions,
         footer=footer,
         first=first,
@@ -245,7 +245,7 @@ def _table(rows: Sequence[Mapping[str, object]], caption: str) -> _Table:
         else:
             groups.append((figure(*row.values()), []))
     grid = any(isinstance(_inner(value), Panel) for row in whole for value in row.values())
-    return _Table(caption, columns, [each for each in groups if any(each)], grid)
+    return _Table(caption, columns, [group for group in groups if any(group)], grid)
 
 
 def _inner(value: object) -> object:

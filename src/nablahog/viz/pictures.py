@@ -88,7 +88,7 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = GLYPH_PI
     >>> nablahog.glyphs(descriptor, spec).shape  # 8x6 cells of 16x16 pixels
     (128, 96)
     """
-    return _drawn(*_votes_and_strokes(descriptor, as_spec(spec), cell_pixels))
+    return _draw_cells(*_votes_and_strokes(descriptor, as_spec(spec), cell_pixels))
 
 
 def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = GLYPH_PIXELS) -> Image.Image:
@@ -99,7 +99,7 @@ def glyph_image(descriptor: Picture, spec: HOGSpec, cell_pixels: int = GLYPH_PIX
     image = Image.new("L", (cols * across, rows * cell_pixels))
     step = max(1, STRIP_PIXELS // (cols * across * cell_pixels))
     for top in range(0, rows, step):
-        image.paste(to_pil(_drawn(votes[top : top + step], strokes)), (0, top * cell_pixels))
+        image.paste(to_pil(_draw_cells(votes[top : top + step], strokes)), (0, top * cell_pixels))
     return image
 
 
@@ -121,7 +121,7 @@ def cell_width(spec: HOGSpec, cell_pixels: int) -> int:
     return max(1, round(cell_pixels * spec.cell_size[1] / spec.cell_size[0]))
 
 
-def _drawn(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _draw_cells(votes: NDArray[np.float64], strokes: NDArray[np.float64]) -> NDArray[np.float64]:
     rows, cols, _ = votes.shape
     _, down, across = strokes.shape
     picture = np.zeros((down * across, rows * cols))  # pixels of a cell first: one stroke covers few of them
@@ -157,7 +157,7 @@ class Panel:
 
     picture: Picture
     caption: str
-    seen: str = ""
+    alt: str = ""
 
 
 def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: int = 8) -> Image.Image:
@@ -166,7 +166,7 @@ def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: in
         raise ValueError("a contact sheet needs at least one row, and each row at least one panel")
     font = ImageFont.load_default(max(11, height // 16))
     line = math.ceil(font.getbbox("Ág")[3]) + margin // 2
-    pictures = [[_scaled_to(panel.picture, height) for panel in row] for row in rows]
+    pictures = [[_scale_to(panel.picture, height) for panel in row] for row in rows]
     columns = [max(row[c].width for row in pictures if c < len(row)) for c in range(max(len(row) for row in pictures))]
     lefts = [margin + sum(columns[:c]) + c * margin for c in range(len(columns))]
     size = (lefts[-1] + columns[-1] + margin, margin + len(rows) * (line + height + margin))
@@ -175,12 +175,12 @@ def contact_sheet(rows: Sequence[Sequence[Panel]], height: int = 256, margin: in
     for r, row in enumerate(rows):
         top = margin + r * (line + height + margin)
         for panel, picture, left, width in zip(row, pictures[r], lefts, columns, strict=False):
-            draw.text((left, top), _shortened(panel.caption, font, width), fill="black", font=font)
+            draw.text((left, top), _shorten(panel.caption, font, width), fill="black", font=font)
             sheet.paste(picture, (left, top + line))
     return sheet
 
 
-def _scaled_to(picture: Picture, height: int) -> Image.Image:
+def _scale_to(picture: Picture, height: int) -> Image.Image:
     image = to_pil(picture).convert("RGB")
     if image.height == height:
         return image
@@ -189,7 +189,7 @@ def _scaled_to(picture: Picture, height: int) -> Image.Image:
     return image.resize((max(1, round(image.width * height / image.height)), height), how)
 
 
-def _shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+def _shorten(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
     """``text``, its end cut off where it would be wider than ``width`` pixels."""
     if font.getlength(text) <= width:
         return text
