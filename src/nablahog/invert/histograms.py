@@ -184,8 +184,8 @@ def _solve_clipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tu
     x = torch.zeros_like(totals)
     slopes = weights.sum(dim, keepdim=True).expand_as(x)
     for _ in range(NEWTON_STEPS):
-        left = totals - (weights * x).clamp(max=clip).sum(dim, keepdim=True)
-        x = torch.where(slopes > TINY_RATIO, x + left / slopes.clamp(min=TINY_RATIO), x)
+        remainder = totals - (weights * x).clamp(max=clip).sum(dim, keepdim=True)
+        x = torch.where(slopes > TINY_RATIO, x + remainder / slopes.clamp(min=TINY_RATIO), x)
         slopes = torch.where(weights * x < clip, weights, 0).sum(dim, keepdim=True)
     return x, slopes > TINY_RATIO
 

@@ -92,11 +92,11 @@ def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] 
     [(1, 8, 8, 9), (1, 8, 8, 9), (1, 8, 8, 9)]
     """
     spec = as_spec(spec)
-    levels = []
+    descriptors = []
     for scale in scales:
         small, _ = level_spec(spec, scale, (image.shape[2], image.shape[3]))
-        levels.append(hog(avg_pool2d(image, math.isqrt(scale)), small))
-    return levels
+        descriptors.append(hog(avg_pool2d(image, math.isqrt(scale)), small))
+    return descriptors
 
 
 @in_plain_mode

@@ -137,8 +137,8 @@ def reconstruct_template(
 def _average_results(results: Sequence[Reconstruction], descriptor: Tensor, spec: HOGSpec) -> Reconstruction:
     """The mean of pre-images of the same unsigned descriptors, where they may be negatives of each other."""
     images = torch.stack([result.image - result.image.mean(dim=(2, 3), keepdim=True) for result in results])
-    alike = (images * images[:1]).sum(dim=(2, 3, 4), keepdim=True)
-    image = to_unit_range(torch.where(alike < 0, -images, images).mean(dim=0), spec)
+    correlations = (images * images[:1]).sum(dim=(2, 3, 4), keepdim=True)
+    image = to_unit_range(torch.where(correlations < 0, -images, images).mean(dim=0), spec)
     return replace(
         results[0],
         image=image,

@@ -133,13 +133,13 @@ class FlatRegions:
         empty = (entries == 0).all(dim=1) & rows.unsqueeze(1) & cols
         axes = pooling_axes(spec, height, width, descriptor)
         down, across = (along.map(lambda weights: (weights > 0).to(weights)) for along in axes)
-        silent = across.spread(down.spread(empty.to(descriptor), -2), -1) > 0
+        without_gradient = across.spread(down.spread(empty.to(descriptor), -2), -1) > 0
         # a pixel without gradient has equal neighbours; giving it their value, too, is the smoothest choice
         cross = ndimage.generate_binary_structure(2, 1)[np.newaxis]
-        joined = ndimage.binary_dilation(silent.cpu().numpy(), cross)
+        constant_pixels = ndimage.binary_dilation(without_gradient.cpu().numpy(), cross)
         in_plane = np.zeros((3, 3, 3), dtype=bool)
         in_plane[1] = cross[0]
-        regions, count = ndimage.label(joined, in_plane)
+        regions, count = ndimage.label(constant_pixels, in_plane)
         self.regions = torch.from_numpy(regions.astype(np.int32)).to(descriptor.device)  # (B, H, W), 0: none
         self.sizes = torch.bincount(self.regions.flatten(), minlength=count + 1).double()
         self.runs = _find_runs(regions.reshape(len(regions), -1))

@@ -91,8 +91,8 @@ def newton_steps(
         products = products + solving
         solving = solving & length.isfinite()
         step, image = (
-            torch.where(solving.unsqueeze(1), whole + length.unsqueeze(1) * part, whole)
-            for whole, part in ((step, direction), (image, images))
+            torch.where(solving.unsqueeze(1), total + length.unsqueeze(1) * change, total)
+            for total, change in ((step, direction), (image, images))
         )
         if iteration == 1:
             found, cauchy, cauchy_image = solving, step, image
@@ -103,10 +103,13 @@ def newton_steps(
         # from the step itself, not from the last error, so that rounding does not accumulate
         residual = descent - jacobian.vjp(image)
         preconditioned = jacobian.precondition(residual)
-        now = (residual * preconditioned).sum(1)
+        new_error = (residual * preconditioned).sum(1)
         products = products + solving
-        conjugate = preconditioned + (now / error).unsqueeze(1) * direction
-        direction, error = torch.where(solving.unsqueeze(1), conjugate, direction), torch.where(solving, now, error)
+        conjugate = preconditioned + (new_error / error).unsqueeze(1) * direction
+        direction, error = (
+            torch.where(solving.unsqueeze(1), conjugate, direction),
+            torch.where(solving, new_error, error),
+        )
         solving = solving & ~((error / first_error).sqrt() <= tolerance)
         if (at_once or iteration % ROUNDS_BETWEEN_LOOKS == 0) and not solving.any():
             break

@@ -78,18 +78,18 @@ class Vectors:
 
     def find_vanishing_steps(self, which: Numbers, steps: Numbers) -> Numbers:
         """For which of the problems ``which`` (A,) a step (A,) along the direction is lost in rounding, (A,)."""
-        rows, lost = rows_where(which), torch.zeros_like(self._newest, dtype=torch.bool)
+        rows, vanishes = rows_where(which), torch.zeros_like(self._newest, dtype=torch.bool)
         length, size = (v[rows].abs().amax(1) for v in (self.direction, self.x))
-        lost[rows] = torch.as_tensor(steps)[rows] * length <= torch.finfo(size.dtype).eps * size
-        return which & as_numbers(lost)
+        vanishes[rows] = torch.as_tensor(steps)[rows] * length <= torch.finfo(size.dtype).eps * size
+        return which & as_numbers(vanishes)
 
     def dots(self, trial_gradient: Tensor) -> Numbers:
         """(A, 2m + 4), as :func:`.lbfgs_decisions.decide` takes them."""
         change = trial_gradient - self.gradient
         pairs = (trial_gradient, self.direction), (change, self.direction), (change, change), (change, trial_gradient)
-        beside = torch.stack([torch.linalg.vecdot(*pair) for pair in pairs], dim=1)
+        direction_dots = torch.stack([torch.linalg.vecdot(*pair) for pair in pairs], dim=1)
         with_stored = torch.bmm(self._stored, trial_gradient.unsqueeze(2)).squeeze(2)
-        return as_numbers(torch.cat([with_stored.gather(1, self._places()), beside], dim=1))
+        return as_numbers(torch.cat([with_stored.gather(1, self._places()), direction_dots], dim=1))
 
     def take_step(self, decisions: Decisions, trial_gradient: Tensor) -> None:
         """Takes the steps of those that move, and updates their directions; ``trial_gradient`` is (A, N)."""

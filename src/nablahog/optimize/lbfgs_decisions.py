@@ -66,7 +66,7 @@ class SearchState(NamedTuple):
     def where(self, mask: Numbers, other: SearchState) -> SearchState:
         """These where ``mask`` (A,) holds, elsewhere ``other``."""
         where, masks = array_namespace(mask).where, [mask, mask[:, None], mask[:, None, None]]
-        return SearchState(*(where(masks[mine.ndim - 1], mine, its) for mine, its in zip(self, other, strict=True)))
+        return SearchState(*(where(masks[own.ndim - 1], own, its) for own, its in zip(self, other, strict=True)))
 
 
 class Decisions(NamedTuple):
@@ -98,23 +98,23 @@ def decide(
         dots: (A, 2m + 4): of the gradient there with each stored s, then y, and with the direction, and of its change
             with the direction, with itself, and with the gradient.
     """
-    enough = trial_values <= state.values + ARMIJO * state.steps * slopes  # False for NaN
-    moves = enough & (dots[:, ALONG] >= CURVATURE * slopes) & running
+    sufficient = trial_values <= state.values + ARMIJO * state.steps * slopes  # False for NaN
+    moves = sufficient & (dots[:, ALONG] >= CURVATURE * slopes) & running
     stays, steps = ~moves & running, state.steps
     moved, stores = _move(state, moves, trial_values, dots)
     coefficients = _direction(moved)
     if possibly_any(~moves):
-        moved = moved.where(moves, _next_trial(state, stays, enough, slopes, trial_values))
+        moved = moved.where(moves, _next_trial(state, stays, sufficient, slopes, trial_values))
         steps = array_namespace(dots).where(moves, steps, 0)
     return moved, Decisions(steps, stays, stores, coefficients)
 
 
 def _next_trial(
-    state: SearchState, stays: Numbers, enough: Numbers, slopes: Numbers, trial_values: Numbers
+    state: SearchState, stays: Numbers, sufficient: Numbers, slopes: Numbers, trial_values: Numbers
 ) -> SearchState:
-    """The state with the next step of those that stay; the last was too short if ``enough``, else too long, (A,)."""
+    """The state with the next step of those that stay; the last was too short if ``sufficient``, else too long."""
     xp, steps = array_namespace(slopes), state.steps
-    lows, highs = xp.where(enough, steps, state.lows), xp.where(enough, state.highs, steps)
+    lows, highs = xp.where(sufficient, steps, state.lows), xp.where(sufficient, state.highs, steps)
     # the minimum of the parabola through both values and the slope; in a bracket bounded from below, its middle
     guess = -slopes * steps * steps / (2 * (trial_values - state.values - steps * slopes))
     guess = xp.where(lows != 0, lows + (highs - lows) / 2, guess)

@@ -167,8 +167,8 @@ def _ssim(a: Tensor, b: Tensor) -> Tensor:
     mean_a, mean_b = window(a), window(b)
     squares = window(a * a) + window(b * b) - mean_a**2 - mean_b**2
     products = window(a * b) - mean_a * mean_b
-    alike = (2 * mean_a * mean_b + 1e-4) * (2 * products + 9e-4)
-    return (alike / ((mean_a**2 + mean_b**2 + 1e-4) * (squares + 9e-4))).mean()
+    numerator = (2 * mean_a * mean_b + 1e-4) * (2 * products + 9e-4)
+    return (numerator / ((mean_a**2 + mean_b**2 + 1e-4) * (squares + 9e-4))).mean()
 
 
 class _UnsignedBatch(NamedTuple):
@@ -225,12 +225,14 @@ class UnsignedTraining(WindowTraining):
                 coarser = network.coarser(histograms, network.largest_cells(histograms))
             return mse_loss(network(histograms, align_sign(coarser, images)), images)
         regions = network(histograms, torch.zeros_like(images))
-        apart, negative = ((regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0))
+        positive_error, negative_error = (
+            (regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0)
+        )
         predicted = align_sign(normalise(regions.detach()), images)
         share = torch.rand(len(images), 1, 1, 1, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
         odds = network.polarity(histograms, predicted, normalise(share * images + (1 - share) * predicted))
-        return torch.minimum(apart, negative).mean() - logsigmoid(odds).mean()
+        return torch.minimum(positive_error, negative_error).mean() - logsigmoid(odds).mean()
 
     @torch.no_grad()
     def calibrate(self, network: UnsignedNetwork) -> None:

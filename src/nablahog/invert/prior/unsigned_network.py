@@ -54,9 +54,9 @@ def normalise(images: Tensor) -> Tensor:
     return torch.where(contrast > FLAT_UNIT_STD, images / contrast.clamp(min=FLAT_UNIT_STD), 0)
 
 
-def align_sign(images: Tensor, others: Tensor) -> Tensor:
-    """Images (B, 1, H, W), those negated that correlate negatively with the others."""
-    return torch.where((images * others).sum(dim=(1, 2, 3), keepdim=True) < 0, -images, images)
+def align_sign(images: Tensor, references: Tensor) -> Tensor:
+    """Images (B, 1, H, W), those negated that correlate negatively with the references."""
+    return torch.where((images * references).sum(dim=(1, 2, 3), keepdim=True) < 0, -images, images)
 
 
 class _WholeImage(nn.Module):
@@ -150,13 +150,13 @@ class UnsignedNetwork(PriorNetwork):
 
     def forward(self, histograms: Tensor, coarser: Tensor) -> Tensor:
         """Images of about unit variance; the coarser ones of zero mean and unit variance, or 0."""
-        x, levels = self.inp(torch.cat([compress(histograms), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
+        x, skips = self.inp(torch.cat([compress(histograms), pixel_unshuffle(coarser, PIXELS_PER_CELL)], dim=1)), []
         for blocks, shrink in zip(self.down[:-1], self.shrink, strict=True):
-            levels.append(blocks(x))
-            x = shrink(gelu(levels[-1]))
+            skips.append(blocks(x))
+            x = shrink(gelu(skips[-1]))
         x = self.up[-1](self.whole(self.down[-1](x)))
-        for level in range(len(levels) - 1, -1, -1):
-            x = self.up[level](levels[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
+        for level in range(len(skips) - 1, -1, -1):
+            x = self.up[level](skips[level] + pixel_shuffle(self.enlarge[level](gelu(x)), 2))
         return pixel_shuffle(self.out(gelu(x)), PIXELS_PER_CELL).float()
 
     @staticmethod
