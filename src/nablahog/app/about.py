@@ -33,15 +33,7 @@ def about(store: Store) -> dict[str, Any]:
         "default_preset": DEFAULT_PRESET,
         "presets": [_preset(name, PRESETS[name]()) for name in PRESETS],
         "samples": [
-            {
-                "id": key,
-                "name": photograph.name,
-                "width": photograph.size[1],
-                "height": photograph.size[0],
-                "box": photograph.box,
-                "focal": photograph.focal,
-                "own": key.startswith("photo-"),
-            }
+            {**photograph.facts(key), "box": photograph.box, "own": key.startswith("photo-")}
             for key, photograph in store.pinned(Photograph).items()
         ],
         "meshes": [{"id": key, "name": mesh.name} for key, mesh in store.pinned(MeshEntry).items()],

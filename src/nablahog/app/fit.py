@@ -27,7 +27,7 @@ from ..viz.pictures import outlined
 from .chart import AZIMUTHS, SimilarityChart
 from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_request_error, glyphs, png
 from .snippets import FitFiles, write_pose_snippets
-from .store import CHAIR, MeshEntry, Photograph, Store
+from .store import MeshEntry, Photograph, Store
 from .work_queue import CancelToken
 
 SPEC: HOGSpec = presets.uoctti(8)  # of the glyphs on the page
@@ -176,10 +176,10 @@ class Fitting:
         settings = {"mesh": self.model.name, "method": request.method, "seed": request.seed}
         return {"photograph": self.photograph.name, **pose_figures(estimate), "settings": settings}
 
-    def fitted(self, estimate: PoseEstimate, request: PoseRequest, mesh: str) -> dict[str, Any]:
-        """The message that ends a search for the mesh with this id."""
+    def fitted(self, estimate: PoseEstimate, request: PoseRequest) -> dict[str, Any]:
+        """The message that ends a search."""
         photo, model = self.photograph, self.model
-        chair = model.name if mesh == f"{CHAIR}{model.name}" else None
+        chair = model.name if model.packaged else None
         files = FitFiles(photo.name, photo.focal is not None, model.name, model.up, model.front, chair)
         return {
             "type": "fitted",

@@ -71,7 +71,7 @@ class Server:
             self.store.pin(f"sample-{name}", Photograph(f"{name}.png", sample_photograph(name)))
         self.store.pin("scene-chair", _chair_scene())
         for name in OFFERED_CHAIRS:
-            self.store.pin(f"{store.CHAIR}{name}", MeshEntry(name, sample_chairs()[name]))
+            self.store.pin(f"chair-{name}", MeshEntry(name, sample_chairs()[name], packaged=True))
         return about(self.store)
 
     def routes(self) -> list[Route | WebSocketRoute]:

@@ -25,7 +25,6 @@ class FitSocket:
     def __init__(self, socket: WebSocket, store: Store, quick: WorkQueue, long: WorkQueue) -> None:
         self.socket, self.store, self.quick, self.long = socket, store, quick, long
         self.scene: Fitting | None = None
-        self.mesh = ""
         self._turn: Turn | None = None
         self._turning: asyncio.Task[None] | None = None
         self._work: asyncio.Task[None] | None = None
@@ -50,7 +49,6 @@ class FitSocket:
         if isinstance(message, Open):
             await self._stop()
             self.scene = await self.quick.run(lambda _: Fitting.open(message, self.store))
-            self.mesh = message.mesh
             await self._answer(self.long, self._opened().ready)
         elif isinstance(message, Turn):
             self._opened()
@@ -92,7 +90,7 @@ class FitSocket:
         scene = self._opened()
 
         def work(send: Callable[[dict[str, Any]], None], cancel: CancelToken) -> None:
-            send(scene.fitted(scene.fit(message, send, cancel), message, self.mesh))
+            send(scene.fitted(scene.fit(message, send, cancel), message))
 
         async with aclosing(self.long.stream(work)) as answers:
             async for answer in answers:

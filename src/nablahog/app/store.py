@@ -41,7 +41,6 @@ MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
 MOST_CELLS = 2**14  # in a descriptor, that the page can draw
 ARRAYS = (".npy", ".npz", ".mat")
-CHAIR = "chair-"  # begins the ids of meshes that come with the package
 
 
 @dataclass(eq=False)
@@ -66,6 +65,11 @@ class Photograph:
         """(height, width)."""
         return int(self.image.shape[1]), int(self.image.shape[2])
 
+    def facts(self, key: str) -> dict[str, Any]:
+        """What the page knows about it, with its id."""
+        height, width = self.size
+        return {"id": key, "name": self.name, "width": width, "height": height, "focal": self.focal}
+
     @property
     def nbytes(self) -> int:
         smaller = min(self.image.numel(), 3 * SEE_SIZE**2)
@@ -88,12 +92,16 @@ class DescriptorEntry:
 
 @dataclass(frozen=True, eq=False)
 class MeshEntry:
-    """A mesh, normalised, the name of its file, and the axes by which it was read, if they were given."""
+    """A mesh, normalised, the name of its file, and the axes by which it was read, if they were given.
+
+    ``packaged`` meshes come with nablahog, and so have no file.
+    """
 
     name: str
     mesh: Mesh
     up: str | None = None
     front: str | None = None
+    packaged: bool = False
 
     @property
     def nbytes(self) -> int:
@@ -190,8 +198,7 @@ def store_photograph(data: bytes, name: str, _: Mapping[str, str], store: Store)
     file = InputFile(name, data)
     with as_request_error():
         photo = Photograph(name, read_image(file), focal=read_exif_focal(file))
-    height, width = photo.size
-    return {"id": store.add(photo, data), "name": name, "width": width, "height": height, "focal": photo.focal}
+    return photo.facts(store.add(photo, data))
 
 
 def _check_pixels(data: bytes, name: str) -> None:
