@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...hog.inputs import as_spec
 from ...hog.spec import HOGSpec
-from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers, load_once
+from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ..arguments import check_descriptor
 from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
@@ -271,10 +271,11 @@ def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
     return [prior] if prior.signed else [prior, _load(PRIOR_FOLDER / "signed.npz")]
 
 
+@lru_cache(maxsize=2)  # they are parts of the package, and do not change
 def _load(file: Path) -> LearnedPrior:
     if not file.exists():
         raise FileNotFoundError(
             f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
             "that has it, learn one (nablahog learn prior), or do without (prior=None, --prior none)"
         )
-    return load_once(LearnedPrior, file)
+    return LearnedPrior.load(file)
