@@ -2,13 +2,13 @@
 
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
-import { Options } from "./controls.js";
 import { Curve } from "./curve.js";
 import { bringIntoSight, checked, debounce, element, enable, figure, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
-import { addressOf, pngOf, save, stem } from "./files.js";
-import { showSnippets } from "./snippets.js";
+import { addressOf } from "./files.js";
+import { FitResult } from "./fit_result.js";
 import { MeshChooser } from "./mesh.js";
-import { PoseControls, poseTables, proper } from "./pose.js";
+import { Options } from "./options.js";
+import { PoseControls, proper } from "./pose.js";
 import { announce, clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
 import { Scene } from "./scene.js";
 import { Session } from "./session.js";
@@ -27,6 +27,7 @@ export class Fit {
   #renderGlyphs = element("render-glyphs", HTMLImageElement);
   #photo = new LatestRequest("fit-progress");
   #options;
+  #result;
   #focal = element("focal", HTMLInputElement);
   #start = element("fit-start", HTMLButtonElement);
   #stop = element("fit-stop", HTMLButtonElement);
@@ -41,8 +42,6 @@ export class Fit {
   #lastStep = 0;
   /** Waits for an answer to each kind of message. @type {{[kind: string]: Wait | undefined}} */
   #waits = {};
-  /** @type {any} */
-  #fitted = null;
   #reopen = debounceBusy(() => { if (this.#ready) void this.#open(); }, 300);
   #remember = debounce(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
 
@@ -53,6 +52,7 @@ export class Fit {
     this.#curve = new Curve((azimuth) => this.#turn(this.#controls.value.map((old, i) => i ? old : azimuth)),
       (pose) => this.#askCurve(pose), () => this.#turn(this.#controls.value));
     this.#options = new Options("fit", app.about, app.address);
+    this.#result = new FitResult(app.source);
     this.restore();
     app.source.addEventListener("change", () => this.show(this.#shown));
     addEventListener("pagehide", () => this.#leave());
@@ -65,16 +65,6 @@ export class Fit {
       this.#explain();
       this.#reopen();
     });
-    element("pose-download", HTMLButtonElement).addEventListener("click", () => {
-      if (this.#fitted) save(new Blob([JSON.stringify(this.#fitted.result, null, 2)], { type: "application/json" }), `${this.#stem}_pose.json`);
-    });
-    element("overlay-download", HTMLButtonElement).addEventListener("click", () => {
-      if (this.#fitted) save(pngOf(this.#fitted.overlay), `${this.#stem}_overlay.png`);
-    });
-  }
-
-  get #stem() {
-    return stem(this.app.source.value?.name ?? "");
   }
 
   restore() {
@@ -157,7 +147,7 @@ export class Fit {
     this.#searching(false);
     this.#curve.clear();
     element("fit-room", HTMLElement).hidden = true;
-    element("fit-result", HTMLElement).hidden = true;
+    this.#result.hide();
   }
 
   #lost() {
@@ -216,7 +206,7 @@ export class Fit {
       room.hidden = false;
       this.#intoSight();
     }
-    element("fit-result", HTMLElement).hidden = true;
+    this.#result.hide();
     this.#photoGlyphs.src = addressOf(message.photo_glyphs.image);
     await this.#scene.setCrop(message.image, message.crop.side);
     this.#turn(this.#controls.value, this.app.address.get("pose") === null);
@@ -292,11 +282,10 @@ export class Fit {
     if (!checked(element("fit-room", HTMLElement))) return;
     clearError();
     this.#intoSight();
-    this.#fitted = null;
     this.#end("curve");
     this.#begin("fit", "search-progress", "Searching for the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
-    element("fit-result", HTMLElement).hidden = true;
+    this.#result.hide();
     element("fit-said", HTMLElement).textContent = "";
     const here = element("fit-from-here", HTMLInputElement).checked;
     this.#session.send({ type: "fit", ...this.#options.value, initial: here ? this.#controls.value.slice(0, 2) : null });
@@ -321,21 +310,8 @@ export class Fit {
 
   /** @param {any} message */
   #finish(message) {
-    this.#fitted = message;
     this.#searching(false);
     this.#turn(proper(message.pose));
-    const { result } = message;
-    const turned = `azimuth ${figure(result.azimuth, 1)}, elevation ${figure(result.elevation, 1)}`;
-    const sure = result.confidence === null ? "" : `, confidence ${figure(result.confidence, 2)}`;
-    element("fit-said", HTMLElement).textContent = `Done: ${turned}${sure}.`;
-    const overlay = element("overlay", HTMLImageElement);
-    overlay.src = addressOf(message.overlay);
-    overlay.alt = `The outline of the mesh on ${result.photograph}, ${turned}`;
-    const warning = element("fit-warning", HTMLElement);
-    warning.hidden = !message.warning;
-    warning.textContent = message.warning ?? "";
-    element("fit-figures", HTMLElement).replaceChildren(...poseTables(result));
-    showSnippets(element("fit-snippets", HTMLElement), message.snippets, this.app.source.sample);
-    element("fit-result", HTMLElement).hidden = false;
+    this.#result.show(message);
   }
 }

@@ -1,13 +1,13 @@
 /** The view “Invert”: the pre-image while it is made. */
 
 import { getBlob, postFile, postJson } from "./api.js";
-import { Options } from "./controls.js";
 import { DistanceChart } from "./distance_chart.js";
 import { bringIntoSight, checked, element, enable, figure, make, onPress, prefersReducedMotion, table } from "./dom.js";
 import { addressOf, pngOf, save, stem } from "./files.js";
 import { invert } from "./inversion.js";
-import { showSnippets } from "./snippets.js";
+import { Options } from "./options.js";
 import { clearError, LatestRequest, waiting } from "./progress.js";
+import { showSnippets } from "./snippets.js";
 import { Stage } from "./stage.js";
 import { wipe } from "./wipe.js";
 

@@ -1,11 +1,11 @@
 /** The start of the page, and its views. */
 
-import { getJson, ServerError } from "./api.js";
 import { Address } from "./address.js";
-import { Dialects } from "./controls.js";
+import { getJson, ServerError } from "./api.js";
 import { element } from "./dom.js";
 import { Fit } from "./fit.js";
 import { Invert } from "./invert.js";
+import { Dialects } from "./options.js";
 import { clearError, showError, waiting } from "./progress.js";
 import { See } from "./see.js";
 import { SourceChooser } from "./source.js";

@@ -2,11 +2,11 @@
 
 import { getBlob, getJson, postJson } from "./api.js";
 import { showCell } from "./cell.js";
-import { Options } from "./controls.js";
 import { element } from "./dom.js";
 import { paint, pictureOf, pngOf, save, stem } from "./files.js";
-import { showSnippets } from "./snippets.js";
+import { Options } from "./options.js";
 import { announce, clearError, LatestRequest, debounceBusy, waiting } from "./progress.js";
+import { showSnippets } from "./snippets.js";
 import { Stage } from "./stage.js";
 
 export class See {
