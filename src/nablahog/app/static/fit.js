@@ -3,9 +3,10 @@
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
 import { Curve } from "./curve.js";
-import { bringIntoSight, checked, debounce, element, enable, figure, make, numberOf, onPress, prefersReducedMotion } from "./dom.js";
+import { bringIntoSight, checked, debounce, element, enable, figure, make, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf } from "./files.js";
 import { FitResult } from "./fit_result.js";
+import { FocalInput } from "./focal.js";
 import { MeshChooser } from "./mesh.js";
 import { Options } from "./options.js";
 import { PoseControls, proper } from "./pose.js";
@@ -28,7 +29,7 @@ export class Fit {
   #photo = new LatestRequest("fit-progress");
   #options;
   #result;
-  #focal = element("focal", HTMLInputElement);
+  #focal;
   #start = element("fit-start", HTMLButtonElement);
   #stop = element("fit-stop", HTMLButtonElement);
   #shown = false;
@@ -53,6 +54,10 @@ export class Fit {
       (pose) => this.#askCurve(pose), () => this.#turn(this.#controls.value));
     this.#options = new Options("fit", app.about, app.address);
     this.#result = new FitResult(app.source);
+    this.#focal = new FocalInput(app.source, (text) => {
+      app.address.set({ focal: text || "none" });
+      this.#reopen();
+    });
     this.restore();
     app.source.addEventListener("change", () => this.show(this.#shown));
     addEventListener("pagehide", () => this.#leave());
@@ -60,11 +65,6 @@ export class Fit {
     element("pose-place", HTMLButtonElement).addEventListener("click", () => this.#turn(this.#controls.value, true));
     onPress(this.#start, () => this.#fit());
     onPress(this.#stop, () => this.#session.send({ type: "stop" }));
-    this.#focal.addEventListener("change", () => {
-      app.address.set({ focal: this.#focal.value || "none" });
-      this.#explain();
-      this.#reopen();
-    });
   }
 
   restore() {
@@ -82,17 +82,7 @@ export class Fit {
     const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
     const photo = value?.kind === "photo" ? value : null;
     this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : address.get("box") === null ? photo?.box ?? null : null);
-    const focal = address.get("focal") ?? String(photo?.focal ?? "");
-    this.#focal.value = Number(focal) > 0 ? String(Math.round(Number(focal) * 10) / 10) : "";
-    this.#explain();
-  }
-
-  /** Says where the focal length comes from. */
-  #explain() {
-    const source = this.app.source.value;
-    const said = source?.kind === "photo" && source.focal && Math.abs(source.focal - this.#focal.valueAsNumber) < 0.1;
-    element("focal-about", HTMLElement).textContent = said ? "Read from the photograph’s EXIF data."
-      : "Only if you know it: then the distance is the true one.";
+    this.#focal.set(Number(address.get("focal") ?? photo?.focal));
   }
 
   /** @param {boolean} shown */
@@ -132,7 +122,7 @@ export class Fit {
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
-        focal: numberOf(this.#focal) });
+        focal: this.#focal.value });
     } catch (error) {
       this.#end("open");
       showError(error);
