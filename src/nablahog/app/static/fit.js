@@ -10,7 +10,7 @@ import { FocalInput } from "./focal.js";
 import { MeshChooser } from "./mesh.js";
 import { Options } from "./options.js";
 import { PoseControls, proper } from "./pose.js";
-import { announce, clearError, showError, LatestRequest, debounceBusy, Wait } from "./progress.js";
+import { announce, clearError, showError, LatestRequest, debounceBusy, Waits } from "./progress.js";
 import { Scene } from "./scene.js";
 import { Session } from "./session.js";
 
@@ -41,8 +41,8 @@ export class Fit {
   #placing = 0;
   #frame = 0;
   #lastStep = 0;
-  /** Waits for an answer to each kind of message. @type {{[kind: string]: Wait | undefined}} */
-  #waits = {};
+  /** For an answer to each kind of message. */
+  #waits = new Waits();
   #reopen = debounceBusy(() => { if (this.#ready) void this.#open(); }, 300);
   #remember = debounce(() => this.app.address.set({ pose: this.#controls.value.map((value) => Number(value.toFixed(3))).join(",") }), 100);
 
@@ -118,13 +118,13 @@ export class Fit {
     const source = this.app.source.value;
     if (source?.kind !== "photo" || !checked(element("fit-ask", HTMLElement))) return;
     clearError();
-    this.#begin("open", "fit-progress", "Opening the mesh", () => this.#leave());
+    this.#waits.begin("open", "fit-progress", "Opening the mesh", () => this.#leave());
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
         focal: this.#focal.value });
     } catch (error) {
-      this.#end("open");
+      this.#waits.end("open");
       showError(error);
     }
   }
@@ -133,7 +133,7 @@ export class Fit {
   #leave() {
     this.#session.close();
     this.#ready = false;
-    for (const kind of Object.keys(this.#waits)) this.#end(kind);
+    this.#waits.endAll();
     this.#searching(false);
     this.#curve.clear();
     element("fit-room", HTMLElement).hidden = true;
@@ -145,23 +145,6 @@ export class Fit {
     showError(new ServerError(0, "The connection to the server has ended. Press “Show the mesh” to open it again."));
   }
 
-  /**
-   * @param {string} kind
-   * @param {string} place
-   * @param {string} text
-   * @param {() => void} cancel
-   */
-  #begin(kind, place, text, cancel) {
-    this.#end(kind);
-    this.#waits[kind] = new Wait(place, text, cancel);
-  }
-
-  /** @param {string} kind */
-  #end(kind) {
-    this.#waits[kind]?.close();
-    delete this.#waits[kind];
-  }
-
   /** @param {any} message */
   #received(message) {
     switch (message.type) {
@@ -169,26 +152,26 @@ export class Fit {
       case "view": return void this.#view(message);
       case "curve":
         this.#curve.show(message.chart);
-        if (message.done) this.#end("curve");
+        if (message.done) this.#waits.end("curve");
         return;
-      case "progress": return this.#waits.fit?.say(`Searching for the pose: ${message.what}`, message.done, message.total);
+      case "progress": return this.#waits.get("fit")?.say(`Searching for the pose: ${message.what}`, message.done, message.total);
       case "step": return this.#step(message);
       case "fitted": return this.#finish(message);
       case "stopped":
-        this.#end("curve");
-        if (this.#waits.fit) element("fit-said", HTMLElement).textContent = "Stopped.";
+        this.#waits.end("curve");
+        if (this.#waits.get("fit")) element("fit-said", HTMLElement).textContent = "Stopped.";
         return this.#searching(false);
       case "error":
         showError(new ServerError(422, message.error));
-        if (this.#waits.open) return this.#leave();
-        for (const kind of Object.keys(this.#waits)) this.#end(kind);
+        if (this.#waits.get("open")) return this.#leave();
+        this.#waits.endAll();
         return this.#searching(false);
     }
   }
 
   /** @param {{crop: {side: number}, photo_glyphs: import("./types.js").Glyphs, image: string}} message */
   async #opened(message) {
-    this.#end("open");
+    this.#waits.end("open");
     this.#ready = true;
     this.#curve.clear();
     const room = element("fit-room", HTMLElement);
@@ -214,7 +197,7 @@ export class Fit {
     this.#controls.write(pose);
     this.#remember();
     if (!this.#ready) return;
-    if (this.#waits.curve && !this.#curve.fits(pose)) this.#session.send({ type: "stop" });
+    if (this.#waits.get("curve") && !this.#curve.fits(pose)) this.#session.send({ type: "stop" });
     cancelAnimationFrame(this.#frame);
     this.#frame = requestAnimationFrame(() => this.#send(pose, place || this.#placing > this.#drawn));
   }
@@ -226,7 +209,7 @@ export class Fit {
   #send(pose, place) {
     this.#n++;
     if (place) this.#placing = this.#n;
-    if (!this.#waits.view) this.#begin("view", "curve-progress", "Rendering", () => this.#end("view"));
+    if (!this.#waits.get("view")) this.#waits.begin("view", "curve-progress", "Rendering", () => this.#waits.end("view"));
     this.#session.send({ type: "pose", n: this.#n, pose, place, width: this.#curve.width });
   }
 
@@ -238,7 +221,7 @@ export class Fit {
     if (message.n < this.#drawn) return;
     this.#drawn = message.n;
     if (message.n === this.#n) {
-      this.#end("view");
+      this.#waits.end("view");
       // the server has moved the mesh
       if (message.n === this.#placing) {
         this.#controls.write(proper(message.pose));
@@ -252,7 +235,7 @@ export class Fit {
       make("br"), make("small", { class: "note" }, `${figure(message.milliseconds, 0)} ms`));
     this.#renderGlyphs.src = addressOf(message.glyphs.image);
     this.#curve.show(message.chart);
-    if (!this.#waits.fit) {
+    if (!this.#waits.get("fit")) {
       this.#curve.later(message.pose);
       announce(`At ${words}.`);
     }
@@ -263,8 +246,8 @@ export class Fit {
 
   /** @param {Pose} pose */
   #askCurve(pose) {
-    if (!this.#ready || this.#waits.fit) return;
-    this.#begin("curve", "curve-progress", "Computing the curve over 360°", () => this.#session.send({ type: "stop" }));
+    if (!this.#ready || this.#waits.get("fit")) return;
+    this.#waits.begin("curve", "curve-progress", "Computing the curve over 360°", () => this.#session.send({ type: "stop" }));
     this.#session.send({ type: "curve", pose });
   }
 
@@ -272,8 +255,8 @@ export class Fit {
     if (!checked(element("fit-room", HTMLElement))) return;
     clearError();
     this.#intoSight();
-    this.#end("curve");
-    this.#begin("fit", "search-progress", "Searching for the pose", () => this.#session.send({ type: "stop" }));
+    this.#waits.end("curve");
+    this.#waits.begin("fit", "search-progress", "Searching for the pose", () => this.#session.send({ type: "stop" }));
     this.#searching(true);
     this.#result.hide();
     element("fit-said", HTMLElement).textContent = "";
@@ -283,16 +266,16 @@ export class Fit {
 
   /** @param {boolean} now */
   #searching(now) {
-    if (!now) this.#end("fit");
+    if (!now) this.#waits.end("fit");
     enable(this.#start, !now);
     enable(this.#stop, now);
   }
 
   /** @param {{pose: Pose, similarity: number}} message */
   #step(message) {
-    this.#waits.fit?.say(`Searching for the pose: similarity ${figure(message.similarity)}`);
+    this.#waits.get("fit")?.say(`Searching for the pose: similarity ${figure(message.similarity)}`);
     const now = performance.now();
-    if (this.#waits.view || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
+    if (this.#waits.get("view") || now - this.#lastStep < (prefersReducedMotion() ? 500 : 50)) return;
     this.#lastStep = now;
     this.#controls.write(proper(message.pose));
     this.#send(message.pose, false);

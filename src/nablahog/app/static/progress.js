@@ -63,6 +63,36 @@ export class Wait {
   }
 }
 
+/** Waits for several kinds of work, one of each. */
+export class Waits {
+  /** @type {Map<string, Wait>} */
+  #waits = new Map();
+
+  /** @param {string} kind */
+  get(kind) {
+    return this.#waits.get(kind);
+  }
+
+  /**
+   * @param {string} kind
+   * @param {ConstructorParameters<typeof Wait>} about
+   */
+  begin(kind, ...about) {
+    this.end(kind);
+    this.#waits.set(kind, new Wait(...about));
+  }
+
+  /** @param {string} kind */
+  end(kind) {
+    this.#waits.get(kind)?.close();
+    this.#waits.delete(kind);
+  }
+
+  endAll() {
+    for (const kind of [...this.#waits.keys()]) this.end(kind);
+  }
+}
+
 /**
  * Does work that can be cancelled; errors are shown.
  *
