@@ -20,20 +20,21 @@ PACKAGE = Path(nablahog.__file__).parent
 MAY_IMPORT: dict[str, set[str]] = {
     "native": set(),
     "runtime": set(),
-    "hog": {"runtime"},  # no optimiser
-    "io": {"hog", "runtime"},
-    "metrics": {"runtime"},
+    "inputs": {"runtime"},  # what people pass
+    "hog": {"inputs", "runtime"},  # no optimiser
+    "io": {"hog", "inputs", "runtime"},
+    "metrics": {"inputs", "runtime"},
     "optimize": {"runtime"},
-    "render": {"io", "runtime"},  # no HOG
-    "viz": {"hog", "io", "runtime"},
-    "compat": {"hog", "io", "runtime"},
-    "jobs": {"hog", "io", "runtime"},
-    "invert": {"hog", "io", "metrics", "optimize", "runtime"},  # no pose
-    "pose": {"hog", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
+    "render": {"inputs", "io", "runtime"},  # no HOG
+    "viz": {"hog", "inputs", "io", "runtime"},
+    "compat": {"hog", "inputs", "io", "runtime"},
+    "jobs": {"hog", "inputs", "io", "runtime"},
+    "invert": {"hog", "inputs", "io", "metrics", "optimize", "runtime"},  # no pose
+    "pose": {"hog", "inputs", "io", "metrics", "optimize", "render", "runtime"},  # no inversion
 }
 MAY_IMPORT["nablahog"] = {*MAY_IMPORT} - {"jobs"}
 MAY_IMPORT["paper"] = {*MAY_IMPORT} - {"nablahog"}
-MAY_IMPORT["requests"] = {"compat", "hog", "invert", "io", "pose", "runtime"}  # what front ends can be asked
+MAY_IMPORT["requests"] = {"compat", "hog", "inputs", "invert", "io", "pose", "runtime"}  # what front ends can be asked
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog", "paper"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}  # one of its commands starts the page
 MAY_IMPORT["__main__"] = {"cli"}

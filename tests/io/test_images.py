@@ -200,7 +200,7 @@ def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "F"])
 def test_reading_a_smaller_picture(tmp_path: Path, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.io.pixels.CONVERTED_PIXELS", 256 * 310)
+    monkeypatch.setattr("nablahog.inputs.pil_images.CONVERTED_PIXELS", 256 * 310)
     levels = np.random.default_rng(0).integers(0, 256, (700, 310, 4), dtype=np.uint8)  # strips of 256, 256 and 188 rows
     Image.fromarray(levels).convert(mode).save(tmp_path / "a.tif")
     whole = read_image(tmp_path / "a.tif")

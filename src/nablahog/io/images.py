@@ -16,11 +16,12 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
+from ..inputs.pil_images import has_8_bits, pixel_values
 from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import Readable, input_file
-from .pixels import decode_image, has_8_bits, pixel_values, register_heif
+from .pixels import decode_image, register_heif
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 

@@ -1,0 +1,1 @@
+"""Whatever people pass, as what the package computes with: a module for each kind of thing, and one sentence if not."""

@@ -1,0 +1,122 @@
+"""Images as tensors, arrays or PIL images, as tensors (B, C, H, W).
+
+Tensors have the axes of PyTorch, images (B, C, H, W).  Arrays have those of the libraries they come from, channels
+last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  An array without the axis B gives a result without it
+(``docs/conventions.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..runtime.text import describe_type
+from .arrays import ITEMS, as_tensor
+from .pil_images import is_pil, pil_pixels
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+ArrayImage: TypeAlias = "NDArray[Any] | Image"
+"""An image, or a batch of them, that is not a tensor."""
+
+# of a sentence on dtypes
+WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
+
+
+def as_images(name: str, images: object) -> tuple[Tensor, bool]:
+    """Images (B, C, H, W) of a tensor, which is left as it is, an array or a PIL image; and whether it was a single.
+
+    Shares the memory of arrays that can be written to.
+
+    Raises:
+        TypeError: it is none of them, or its numbers are not real.
+        ValueError: the axes of an array are not (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3; it masks some pixels;
+            or the levels of a PIL image are none of a photograph.
+    """
+    if isinstance(images, Tensor):
+        return images, False
+    if is_pil(images):
+        array = pil_pixels(name, images)  # type: ignore[arg-type]
+    elif isinstance(images, np.ndarray):
+        array = images
+    else:
+        raise TypeError(
+            f"{name} must be a torch tensor (B, C, H, W), a NumPy array (H, W) or (H, W, C), or a PIL image, got "
+            f"{describe_type(images, path='PIL.Image.open(path)', items=ITEMS)}"
+        )
+    if array.ndim == 2:
+        return as_tensor(name, array)[None, None], True
+    if array.ndim not in (3, 4) or array.shape[-1] not in (1, 3):
+        raise ValueError(
+            f"{name} as an array must be (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3, got {array.shape}: "
+            f"{_advise_on_axes(array.shape)}"
+        )
+    tensor = as_tensor(name, array)
+    return (tensor if array.ndim == 4 else tensor[None]).permute(0, 3, 1, 2), array.ndim == 3
+
+
+def _advise_on_axes(shape: tuple[int, ...]) -> str:
+    if len(shape) in (3, 4) and shape[-3] in (1, 3):
+        return "move the channels last, np.moveaxis(array, -3, -1)"
+    if len(shape) in (3, 4) and shape[-1] == 4:
+        return "of RGBA pass PIL.Image.fromarray(array), which is put over white"
+    if len(shape) == 3:
+        return "write array[..., None] for a batch of gray images, or pass a tensor (B, C, H, W) of any C"
+    return "pass a tensor (B, C, H, W) of any C"
+
+
+def as_photograph(name: str, photograph: object) -> Tensor:
+    """One photograph (C, H, W), C 1 or 3, finite floating point numbers or uint8, of a tensor, array or PIL image.
+
+    Raises:
+        TypeError: it is none of them.
+        ValueError: it is a batch, has other axes or another dtype, or holds NaN or infinity.
+    """
+    if isinstance(photograph, Tensor):
+        image = photograph
+    else:
+        images, is_single = as_images(name, photograph)
+        if not is_single:
+            raise ValueError(f"{name} must be one image, got a batch of {len(images)}: write one call for each of them")
+        image = images[0]
+    is_numeric = image.is_floating_point() or image.dtype == torch.uint8
+    if image.dim() != 3 or image.shape[0] not in (1, 3) or not is_numeric:
+        last = image.shape[-1:] in ((1,), (3,))
+        write = {2: "photograph[None]", 3: "photograph.permute(2, 0, 1)" if last else "", 4: "photograph[0]"}
+        advice = f": write {write[image.dim()]}" if write.get(image.dim()) else ""
+        raise ValueError(
+            f"{name} must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
+            f"got {image.dtype} of shape {tuple(image.shape)}{advice if is_numeric else WHITE}"
+        )
+    # the sum takes a tenth of the time, and is infinite for hardly any finite photograph
+    if image.dtype != torch.uint8 and not math.isfinite(image.sum()) and not torch.isfinite(image).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+    return image
+
+
+def as_mask(name: str, mask: object, size: tuple[int, int]) -> Tensor:
+    """A mask (H, W) of an image of that size, bool, true somewhere, of a tensor, an array or nested lists.
+
+    Raises:
+        TypeError: it is a PIL image, or nothing of that kind.
+        ValueError: it has another shape or dtype, or is nowhere true.
+    """
+    if is_pil(mask):
+        raise TypeError(f"{name} must be bool, got a PIL image: write np.asarray(image.convert('L')) > 0")
+    try:
+        tensor = torch.as_tensor(mask)
+    except (TypeError, ValueError, RuntimeError):
+        raise TypeError(f"{name} must be a tensor or an array of bool, got {type(mask).__name__}") from None
+    if tensor.dtype != torch.bool or tuple(tensor.shape) != size:
+        write = ": write mask > 0" if tensor.dtype != torch.bool else ""
+        dtype = str(tensor.dtype).removeprefix("torch.")
+        raise ValueError(f"{name} must be bool of shape {size}, got {dtype} of shape {tuple(tensor.shape)}{write}")
+    if not bool(tensor.any()):
+        raise ValueError(f"{name} must be true where the object is, got one that is true nowhere")
+    return tensor

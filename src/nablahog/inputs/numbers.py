@@ -1,0 +1,115 @@
+"""Numbers, sizes, truth values and choices of Python, NumPy and PyTorch, as Python's own.
+
+Every function takes the name of an argument and its value, and returns the value or raises ValueError with one sentence
+that says what was expected, what came and, where it helps, what to write.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any, get_args
+
+from ..runtime.text import one_line
+
+LEAST_CONSTANT, MOST_CONSTANT = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
+LONGEST_SIDE = 1_000_000  # in pixels or cells
+
+
+def as_plain(value: Any) -> Any:
+    """Numbers of NumPy and PyTorch as those of Python; lists, arrays and tensors as tuples; all else as it is."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return tuple(map(as_plain, value)) if isinstance(value, tuple | list) else value
+
+
+def as_integer(name: str, value: object, least: int = 1, most: int | None = None) -> int:
+    """An integer of at least ``least`` and, unless that is None, at most ``most``; not a float, not a truth value."""
+    plain = as_plain(value)
+    if type(plain) is not int or plain < least or (most is not None and plain > most):
+        allowed = f"of at least {least:,}" if most is None else f"in {least:,} … {most:,}"
+        write = f": write {int(plain)}" if type(plain) is float and plain == int_or_nan(plain) else ""
+        raise ValueError(f"{name} must be an integer {allowed}, got {shortened(value)}{write}")
+    return plain
+
+
+def int_or_nan(value: float) -> float:
+    """The integer part of a float, or NaN if it is not finite."""
+    return int(value) if math.isfinite(value) else math.nan
+
+
+def as_number(name: str, value: object, least: float = -math.inf, most: float = math.inf) -> float:
+    """A finite number in ``least`` … ``most``; not a truth value."""
+    plain = as_plain(value)
+    if not is_finite(plain) or not least <= plain <= most:
+        raise ValueError(f"{name} must be {_allowed(least, most)}, got {shortened(value)}")
+    return float(plain)
+
+
+def _allowed(least: float, most: float) -> str:
+    if least > -math.inf and most < math.inf:
+        return f"a number in {least:g} … {most:g}"
+    return f"a finite number of at least {least:g}" if least > -math.inf else "a finite number"
+
+
+def is_finite(value: object) -> bool:
+    """True for a real number, not a truth value, that is neither NaN nor infinite."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def as_numbers(name: str, value: object, of_what: str) -> tuple[float, ...]:
+    """As many finite numbers as ``of_what`` names, separated by commas: "x0, y0, x1, y1"."""
+    plain = as_plain(value)
+    count = len(of_what.split(","))
+    if not isinstance(plain, tuple) or len(plain) != count or not all(map(is_finite, plain)):
+        raise ValueError(f"{name} must be {count} finite numbers {of_what}, got {shortened(value)}")
+    return tuple(map(float, plain))
+
+
+def as_size(name: str, value: object) -> tuple[int, int]:
+    """Height and width, integers in 1 … :data:`LONGEST_SIDE`."""
+    plain = as_plain(value)
+    if not isinstance(plain, tuple) or len(plain) != 2 or not all(map(_is_side, plain)):
+        raise ValueError(
+            f"{name} must be a pair (height, width) of integers in 1 … {LONGEST_SIDE:,}, "
+            f"got {shortened(value)}{_advise_on_size(plain)}"
+        )
+    return plain
+
+
+def as_square_or_size(name: str, value: object) -> tuple[int, int]:
+    """One number for both sides, or height and width, integers in 1 … :data:`LONGEST_SIDE`."""
+    plain = as_plain(value)
+    return as_size(name, plain if isinstance(plain, tuple) else (plain, plain))
+
+
+def _is_side(value: object) -> bool:
+    return type(value) is int and 1 <= value <= LONGEST_SIDE
+
+
+def _advise_on_size(plain: object) -> str:
+    if _is_side(plain):
+        return f": write ({plain}, {plain}) for a square"
+    if isinstance(plain, tuple) and len(plain) in (3, 4) and all(map(_is_side, plain)):
+        return ": write image.shape[:2] of an array (H, W, C), or images.shape[-2:] of a tensor (B, C, H, W)"
+    return ""
+
+
+def as_truth(name: str, value: object) -> bool:
+    """True or False."""
+    plain = as_plain(value)
+    if not isinstance(plain, bool):
+        raise ValueError(f"{name} must be True or False, got {shortened(value)}")
+    return plain
+
+
+def check_choice(name: str, value: object, choices: Any) -> None:
+    """``value`` is one of the literal type ``choices``."""
+    allowed = get_args(choices)
+    if not isinstance(value, str) or value not in allowed:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}")
+
+
+def shortened(value: object) -> str:
+    """A wrong value in at most 60 characters, for an error message."""
+    return one_line(repr(value), 60)

@@ -1,0 +1,141 @@
+"""The pixels of PIL images as floats in 0…1, a strip of rows at a time: the whole is never copied as floats.
+
+All that reads photographs goes through here, files and images that people have opened themselves, so that both give the
+same numbers: upright (EXIF orientation), over white where they are transparent, of 8 or 16 bits or floats.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+CONVERTED_PIXELS = 2**19  # pixels that are converted at once
+_GRAY_MODES = ("1", "L", "LA", "La")
+_WHITE_IS_ZERO = 0  # as TIFF's tag has it
+_FILTER_OVERSHOOT = 0.1  # of filters, as a fraction of the largest level: it is clipped
+_BRIGHTEST_OF_255 = 16.0  # least highest level in 0…255: else the image would be black, or of high dynamic range
+_BITS_PER_SAMPLE, _PHOTOMETRIC_INTERPRETATION, _SAMPLE_FORMAT = 258, 262, 339  # tags of TIFF
+
+
+def is_pil(image: object) -> bool:
+    """True for a PIL image.  Does not import PIL."""
+    pil = sys.modules.get("PIL.Image")
+    return pil is not None and isinstance(image, pil.Image)
+
+
+def upright(image: Image) -> Image:
+    """The image as its EXIF orientation says that it is seen; itself where it has none."""
+    from PIL import ImageOps
+
+    with suppress(Exception):  # damaged EXIF data says nothing about the pixels
+        if image.getexif().get(0x0112, 1) != 1:
+            return ImageOps.exif_transpose(image)
+    return image
+
+
+def pil_pixels(name: str, image: Image) -> NDArray[Any]:
+    """The pixels of a PIL image, upright and over white, (H, W) if it is gray, or (H, W, 3).
+
+    They are uint8 where the image has 8 bits a channel and nothing transparent, else float32 in 0…1.
+
+    Raises:
+        ValueError: its levels are none of a photograph; or it has integers of 32 bits (mode I) and comes from no file,
+            so that nothing says which of them is white.
+    """
+    if image.mode == "I" and image.format is None:
+        raise ValueError(
+            f"{name} as a PIL image of mode I says nothing about white: write np.asarray(image, np.float32) / 65535, "
+            "or / 255 if white is 255"
+        )
+    image = upright(image)
+    if has_8_bits(image) and not image.has_transparency_data:
+        return np.array(image.convert("L" if image.mode in _GRAY_MODES else "RGB"))
+    try:
+        pixels = np.concatenate(list(pixel_values(image)))
+    except ValueError as error:
+        raise ValueError(f"{name} as a PIL image of mode {image.mode}: {error}") from None
+    return pixels[..., 0] if pixels.shape[-1] == 1 else pixels
+
+
+def has_8_bits(image: Image) -> bool:
+    """Whether no channel has more than 8 bits."""
+    # a 16-bit PNG has the mode I or I;16, depending on Pillow
+    return image.mode not in ("I", "F") and not image.mode.startswith("I;16")
+
+
+def pixel_values(image: Image) -> Iterator[NDArray[np.float32]]:
+    """Strips (rows, W, C) of some rows, in 0…1, from the top; C is 1 for gray images, or 3.
+
+    Raises:
+        ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
+    """
+    if has_8_bits(image):
+        yield from map(_scale_8_bits, _cut_strips(image))
+        return
+    tags: dict[int, Any] = getattr(image, "tag_v2", {})
+    # Pillow reads unsigned numbers of 32 bits as signed ones
+    unsigned = tags.get(_BITS_PER_SAMPLE) == (32,) and tags.get(_SAMPLE_FORMAT, (1,)) == (1,)
+    kind = np.uint32 if image.mode == "I" and unsigned else None
+    # strip by strip, as their numbers are copied
+    bounds = [(float(numbers.min()), float(numbers.max())) for numbers in _strip_numbers(image, kind)]
+    lowest, highest = min(low for low, _ in bounds), max(high for _, high in bounds)
+    if any(math.isnan(high) for _, high in bounds):
+        raise ValueError("expected levels in 0…1 or 0…255, got NaN")
+    largest = _find_white(lowest, highest) if image.mode == "F" else 65535
+    if image.mode != "F" and not 0 <= lowest <= highest <= largest:
+        raise ValueError(f"expected levels in 0…{largest}, got {lowest:.0f} … {highest:.0f}")
+    transparent = image.info.get("transparency")
+    for numbers in _strip_numbers(image, kind):
+        scaled = numbers.clip(0, largest).astype(np.float32)[..., np.newaxis]
+        scaled /= np.float32(largest)
+        if tags.get(_PHOTOMETRIC_INTERPRETATION) == _WHITE_IS_ZERO:  # Pillow itself inverts levels of 8 bits
+            scaled = 1 - scaled
+        if isinstance(transparent, int):  # of a PNG file
+            scaled[numbers == transparent] = 1
+        yield scaled
+
+
+def _find_white(lowest: float, highest: float) -> int:
+    """The level of white, 1 or 255, of floats from the lowest to the highest."""
+    for largest, least in ((1, -math.inf), (255, _BRIGHTEST_OF_255)):
+        if highest >= least and -_FILTER_OVERSHOOT * largest <= lowest and highest <= (1 + _FILTER_OVERSHOOT) * largest:
+            return largest
+    raise ValueError(f"expected levels in 0…1 or 0…255, got {lowest:g} … {highest:g}")
+
+
+def _cut_strips(image: Image) -> Iterator[Image]:
+    rows = max(1, CONVERTED_PIXELS // image.width)
+    for y in range(0, image.height, rows):
+        yield image.crop((0, y, image.width, min(y + rows, image.height)))
+
+
+def _strip_numbers(image: Image, kind: type[np.generic] | None) -> Iterator[NDArray[Any]]:
+    for strip in _cut_strips(image):
+        yield np.asarray(strip) if kind is None else np.asarray(strip).view(kind)
+
+
+def _scale_8_bits(image: Image) -> NDArray[np.float32]:
+    """(rows, W, C) of an image of 1 or 8 bits a channel."""
+    gray = image.mode in _GRAY_MODES
+    if image.has_transparency_data:
+        rgba = _scale(image.convert("LA" if image.mode == "La" else "RGBA"))
+        alpha = rgba[..., -1:]
+        over_white = rgba[..., :-1] * alpha + (1 - alpha)
+        return over_white[..., :1] if gray else over_white
+    scaled = _scale(image.convert("L" if gray else "RGB"))
+    return scaled[..., np.newaxis] if gray else scaled
+
+
+def _scale(image: Image) -> NDArray[np.float32]:
+    scaled = np.asarray(image).astype(np.float32)
+    scaled /= np.float32(255)
+    return scaled
