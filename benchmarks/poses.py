@@ -26,7 +26,7 @@ import numpy as np
 import torch
 
 from nablahog import PoseEstimate, estimate_pose
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import as_box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEW_COUNTS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
@@ -153,7 +153,7 @@ def jittered(examples: list[Example], shares: list[float], seed: int) -> str:
                 off = share * generator.uniform(-1, 1, 4) * np.tile([example.box.width, example.box.height], 2)
                 box = np.array(example.box) + off
                 height, width = example.image.shape[1:]
-                inside = Box.of(box.clip(0, [width, height, width, height]).tolist())
+                inside = as_box("box", box.clip(0, [width, height, width, height]).tolist())
                 azimuths.append(estimate(replace(example, box=inside, initial=None), {}).azimuth)
             apart = [float(azimuth_error(*pair)) for pair in combinations(azimuths, 2)]
             alike += max(apart) <= WITHIN

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
-from nablahog.hog.box import Box, cell_centres, pixel_box
+from nablahog.hog.box import cell_centres, pixel_box
+from nablahog.inputs.boxes import Box, as_box
 
 from .zoo import spec
 
@@ -119,12 +120,12 @@ def test_x_is_the_column() -> None:
 
 @pytest.mark.parametrize("sides", [(1, 2, 5, 9), [1, 2, 5, 9], np.array([1, 2, 5, 9])])
 def test_lists_and_arrays_are_accepted(sides: list[float]) -> None:
-    assert Box.of(sides) == BOX
+    assert as_box("box", sides) == BOX
 
 
 def test_four_numbers() -> None:
     with pytest.raises(ValueError, match="x0, y0, x1, y1"):
-        Box.of([1, 2, 3])
+        as_box("box", [1, 2, 3])
 
 
 def test_intersection() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.io import lists
 from nablahog.io.lists import AnnotatedObject, read_csv, read_objects
 

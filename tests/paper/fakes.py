@@ -10,7 +10,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.paper.annotations import Example
 from nablahog.paper.examples import Examples
 from nablahog.paper.methods import MethodOutput, ReconstructionMethod, Table1Settings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.paper import names
 from nablahog.paper.annotations import Example
 from nablahog.paper.examples import CONDITIONS, PLAIN, Examples, photograph_examples, render_examples

@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 from scipy import io
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.paper.pascal3d import cut_out, read_pascal3d, read_record
 from nablahog.paper.voc import VOCObject, read_annotation, read_image_ids
 

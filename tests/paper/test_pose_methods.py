@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.metrics import rotation_error
 from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, Table2Settings, coverage, detection
 from tests.pose.common import model, photographed

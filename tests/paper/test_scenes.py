@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
+from nablahog.inputs.boxes import Box
 from nablahog.paper.scenes import Scene, SceneSettings, compose, scene
 from nablahog.render import Mesh, silhouette
 

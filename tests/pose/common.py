@@ -7,8 +7,8 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
+from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 

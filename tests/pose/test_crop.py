@@ -14,8 +14,8 @@ from PIL import ExifTags, Image
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
+from nablahog.inputs.boxes import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import CROP_FILL, CROP_SIDE, apply_mask, crop_object
 from nablahog.pose.similarity import downsample_poses

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from nablahog.hog import presets
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
 from nablahog.pose.vote import confidence

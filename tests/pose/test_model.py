@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import presets
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.pose import estimate_pose
 from nablahog.pose.background import default_background, pose_spec
 from nablahog.pose.crop import CROP_FILL, ObjectCrop, crop_object

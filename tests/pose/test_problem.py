@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.pose import PoseEstimate, best_search
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object
@@ -144,7 +144,7 @@ def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) 
     return PoseProblem(
         IMAGE,
         PreparedPhotograph(crop_object(IMAGE, BOX)),
-        Box.of(BOX),
+        Box(*BOX),
         () if boxes else None,
         {"": prepared_model(model())},
         initial,

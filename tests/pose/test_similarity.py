@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.pose.background import default_background
 from nablahog.pose.crop import ObjectCrop, crop_object, downsample_camera
 from nablahog.pose.options import SimilarityKind

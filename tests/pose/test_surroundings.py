@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog.hog.box import Box
 from nablahog.hog.gradient import gray
+from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import CROP_FILL, crop_object

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..hog.box import Box
 from ..hog.descriptor import describe
+from ..inputs.boxes import Box
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import CROP_SIDE, ObjectCrop, check_box, crop_object
 from ..pose.estimate import choose_lens

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..hog.box import Box, cell_centres, pixel_box
+from ..hog.box import cell_centres, pixel_box
 from ..hog.layout import channel_names
+from ..inputs.boxes import Box
 from ..io.descriptor_file import save_descriptor
 from ..viz.pictures import edge_votes
 from .messages import HogMessage, RequestError, as_request_error, glyphs

@@ -1,70 +1,14 @@
-"""Boxes of pixels or of cells, in one order of coordinates everywhere, and where a descriptor's cells are."""
+"""Where the cells of a descriptor are in its image."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..inputs.boxes import Box, as_box
 from .spec import HOGSpec
-
-
-class Box(NamedTuple):
-    """A half-open rectangle, x0 ≤ x < x1 and y0 ≤ y < y1, in pixels of an image or in cells of a descriptor.
-
-    x counts columns to the right, y rows downwards, both from the upper left corner: all is (0, 0, width, height).
-    PASCAL's boxes, which count from 1 and include both ends, are converted where they are read.
-    """
-
-    x0: float
-    y0: float
-    x1: float
-    y1: float
-
-    @classmethod
-    def of(cls, sides: Iterable[float]) -> Box:
-        """The box of x0, y0, x1, y1 in a tuple, a list or an array.
-
-        Raises:
-            ValueError: these are not four numbers.
-        """
-        sides = tuple(sides)
-        if len(sides) != 4:
-            raise ValueError(f"a box must be four numbers x0, y0, x1, y1, got {sides}")
-        return cls(*sides)
-
-    @property
-    def width(self) -> float:
-        """x1 − x0."""
-        return self.x1 - self.x0
-
-    @property
-    def height(self) -> float:
-        """y1 − y0."""
-        return self.y1 - self.y0
-
-    @property
-    def rows(self) -> slice:
-        """Index of its rows in an array; y0 and y1 are integers."""
-        return slice(self.y0, self.y1)
-
-    @property
-    def cols(self) -> slice:
-        """Index of its columns in an array; x0 and x1 are integers."""
-        return slice(self.x0, self.x1)
-
-    def intersect(self, other: Box) -> Box:
-        """The intersection; its width or height is 0 or less if it is empty."""
-        return Box(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
-
-    def iou(self, other: Box) -> float:
-        """Area of the intersection over area of the union, in 0…1; 0 if both are empty."""
-        common = self.intersect(other)
-        shared = max(0.0, common.width) * max(0.0, common.height)
-        areas = self.width * self.height + other.width * other.height
-        return shared / (areas - shared) if areas > shared else 0.0
 
 
 def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -106,7 +50,7 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]
         ValueError: the window is empty or not within the descriptor.
     """
     rows, cols = spec.grid(*image_size)
-    x0, y0, x1, y1 = Box.of(cells)
+    x0, y0, x1, y1 = as_box("cells", cells)
     spans = []
     for axis, (count, begin, end) in enumerate(((rows, y0, y1), (cols, x0, x1))):
         if not 0 <= begin < end <= count:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..runtime.text import decode_text, one_line, unguarded
 from .input_file import input_file
 
@@ -234,7 +234,7 @@ def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
         entries = ListEntry(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
         x, y, width, height = (entries.number(name, "pixels") for name in entries.values)
         sides = [x, y, x + width, y + height]
-    box = None if sides is None else Box.of(sides)
+    box = None if sides is None else Box(*sides)
     if box is not None and not (box.width > 0 and box.height > 0):
         raise ValueError(f"{row.where}: expected a box with sides above 0, got {tuple(box)}")
     view = row.numbers(ANGLES[:2], "degrees")

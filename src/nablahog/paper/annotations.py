@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..io.images import read_image
 from ..io.lists import ANGLES, SIDES, AnnotatedObject, ListEntry, read_csv, read_object
 from ..render.models import Model
@@ -109,7 +109,7 @@ def _example(row: ListEntry, annotated: AnnotatedObject, image: Tensor) -> Examp
         raise row.error("theta", f"expected numbers in the columns {', '.join(ANGLES)}, got none")
     box, (azimuth, elevation) = _box(row, annotated.box, *image.shape[1:]), annotated.view
     small, scale = _shrunk(image, MAX_SIDE / max(box.width, box.height))
-    inside = Box.of(side * scale[k % 2] for k, side in enumerate(box))
+    inside = Box(*(side * scale[k % 2] for k, side in enumerate(box)))
     name = f"{annotated.image}#{annotated.id}"
     return Example(name, small, inside, azimuth % 360, elevation, annotated.theta, annotated.model)
 

@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..hog.box import Box
 from ..io.images import Picture
 from ..render import Mesh
 from ..render.models import Model
@@ -44,7 +43,7 @@ class Condition:
         has_initial: whether a search gets an initial pose.
         settings: of the scenes.
 
-    >>> from nablahog.hog.box import Box
+    >>> from nablahog.inputs.boxes import Box
     >>> from nablahog.paper.annotations import Example
     >>> from nablahog.paper.examples import CONDITIONS
     >>> example = Example("a", torch.rand(3, 120, 160), Box(20, 10, 120, 110), 30.0, 15.0, 0.0, None)
@@ -100,7 +99,7 @@ def _move_sides(sides: Callable[[Generator], NDArray[np.floating]]) -> Change:
     def change(example: Example, generator: Generator) -> Example:
         assert example.box is not None
         by = sides(generator) * np.tile([example.box.width, example.box.height], 2)
-        return replace(example, box=Box.of(np.array(example.box) + by))
+        return replace(example, box=Box(*(np.array(example.box) + by)))
 
     return change
 

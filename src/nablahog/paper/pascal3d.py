@@ -18,7 +18,7 @@ import numpy as np
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
 from ..runtime.text import counted, one_line

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..jobs.worker import local_folder
 from ..pose import default_background, estimate_pose
 from ..pose.crop import crop_object

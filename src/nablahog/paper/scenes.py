@@ -16,8 +16,8 @@ from scipy import ndimage
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
 from ..hog.gradient import GRAY_WEIGHTS
+from ..inputs.boxes import Box
 from ..io.images import Picture, as_array
 from ..render import Camera, Light, Mesh, render
 from ..render.camera import to_camera, to_screen
@@ -200,7 +200,7 @@ def _place(
     low, high = extent(camera)
     corner = _BORDER + generator.random(2) * (room - (high - low))
     poses[0, 4:6] = torch.from_numpy(corner - low)
-    return poses[0], camera, Box.of((*corner.tolist(), *(corner + high - low).tolist()))
+    return poses[0], camera, Box(*corner.tolist(), *(corner + high - low).tolist())
 
 
 def _render(
@@ -259,7 +259,7 @@ def _occluder(box: Box, share: float, generator: np.random.Generator) -> Box:
 
 def _jitter(box: Box, settings: SceneSettings, generator: np.random.Generator) -> Box:
     sides = np.array(box) + settings.box_jitter * generator.normal(size=4) * np.tile([box.width, box.height], 2)
-    return Box.of(sides.clip(0, settings.size).tolist())
+    return Box(*sides.clip(0, settings.size).tolist())
 
 
 def _clutter(

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..io.images import as_array
 from ..jobs.store import JobResult, digest, key_of
 from ..jobs.worker import local_path

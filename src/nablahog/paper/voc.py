@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..io.input_file import input_file
 from ..runtime.text import one_line
 

@@ -10,7 +10,6 @@ from threading import Lock
 import torch
 from torch import Tensor
 
-from ..hog.box import Box
 from ..runtime.pytorch import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
 from .model import (
@@ -243,7 +242,7 @@ class BestSearch:
         """A view with the crop around it; None for level views that fill the given box, which are there already."""
         model, crop = self.problem.models[name], place.crop
         (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
-        if Box.of(box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
+        if Box(*box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
             if pose[3] == 0 and place is self.problem.photograph:
                 return None
             (pose,) = self.problem.fit(model, pose[None], place)

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
 from ..hog.inputs import WHITE
+from ..inputs.boxes import Box, as_box
 from ..render import Camera
 from .crop_view import CropView, resample
 
@@ -96,8 +96,8 @@ def check_box(sides: Sequence[float], height: int, width: int) -> Box:
     Raises:
         ValueError: it is not finite, has fewer than 8 pixels a side, or lies outside an image of this size.
     """
-    box = Box.of(sides)
-    if not all(map(math.isfinite, box)) or not (box.width >= 8 and box.height >= 8):
+    box = as_box("the box", sides)
+    if not (box.width >= 8 and box.height >= 8):
         sized = Box(box.x0, box.y0, box.x0 + box.x1, box.y0 + box.y1)  # if these are a width and a height
         write = (
             f"; of x, y, width, height write {tuple(sized)}"
@@ -198,4 +198,4 @@ def apply_mask(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = N
     mean = photograph.mean(dtype=torch.float32)
     if photograph.dtype == torch.uint8:
         mean = mean.round()
-    return torch.where(mask, photograph, mean.to(photograph.dtype)), Box.of(box)
+    return torch.where(mask, photograph, mean.to(photograph.dtype)), as_box("the box", box)

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
 from ..hog.gradient import gray
+from ..inputs.boxes import Box
 from ..render.conventions import turn_to
 
 MOST_OVERSAMPLING = 8  # or means of pixels, of a photograph along a side of a crop's pixel: the blur would hide more

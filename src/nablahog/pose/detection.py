@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from .background import coarse_background
 from .crop import CROP_FILL, CROP_SIDE
 from .crop_view import gray_means, reduction_factor
@@ -94,7 +94,7 @@ def find_boxes(
             placed = tilt_views(fit_to_box(poses[own_peaks], model.hull, model.camera, CROP_FILL), best[own_peaks, 5])
             boxes[own_peaks] = bounding_boxes(placed, model.hull, model.camera)
     boxes = boxes / (shrink * best[:, 4])[:, None] + best[:, [2, 3, 2, 3]]
-    return [Box.of(sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
+    return [Box(*sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
 
 
 def _describe_levels(

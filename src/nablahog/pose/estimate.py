@@ -16,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.box import Box
 from ..hog.checks import check_choice
 from ..hog.inputs import ArrayImage, image_batch, is_pil
+from ..inputs.boxes import Box, as_box
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
 from ..render.mesh import check_mesh
@@ -209,7 +209,7 @@ def estimate_pose(
     problem = PoseProblem(
         image,
         PreparedPhotograph(crop, background),
-        box=whole if box is None else Box.of(map(float, box)),
+        box=whole if box is None else as_box("box", box),
         other_boxes=other_boxes,
         models=prepared,
         initial=view,

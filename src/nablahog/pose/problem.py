@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..render import PARAMETERS
 from .crop import CROP_FILL, crop_object
 from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..hog.box import Box
+from ..inputs.boxes import Box
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
 from ..render.conventions import MatrixConvention, convert_matrix, move_before_camera, pose_matrix, turn_to

@@ -19,9 +19,9 @@ import torch
 from torch import Tensor
 
 from ..hog import hog
-from ..hog.box import Box
 from ..hog.descriptor import histograms, normalize
 from ..hog.spec import HOGSpec
+from ..inputs.boxes import Box
 from ..render import Renderer
 from ..render.camera import pose_vjp
 from ..runtime.pytorch import in_threads

@@ -12,8 +12,8 @@ from urllib.parse import unquote
 import numpy as np
 from PIL import Image
 
-from ..io.files import local_name
 from ..inputs.pil_images import has_8_bits, pixel_values
+from ..io.files import local_name
 from .soup import Floats, as_utf8, to_gray
 
 MAX_BYTES_BESIDE = 2**29  # of all files that another names

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nablahog.hog.box import Box
+from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar
 from nablahog.paper.baselines.exemplar import NOTHING, UNLIKE, Layout, Pyramid, detect, star_match
@@ -54,7 +54,7 @@ def clutter() -> Tensor:
 
 
 def iou(a: Any, b: Any) -> float:
-    return Box.of(a).iou(Box.of(b))
+    return Box(*a).iou(Box(*b))
 
 
 @pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 250)])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...hog.box import Box
+from ...inputs.boxes import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import read_exif_focal, read_image
 from ...io.lists import AnnotatedObject, read_objects
@@ -94,7 +94,7 @@ def _objects(arguments: Namespace) -> tuple[list[AnnotatedObject], list[Path]]:
     if arguments.annotations is None:
         if photo.is_dir():
             raise ValueError(f"{photo}: expected an image file, got a folder, which needs --annotations")
-        boxes: list[Box | None] = [Box.of(sides) for sides in arguments.box or ()] or [None]
+        boxes: list[Box | None] = [Box(*sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
             raise ValueError("--mask is for one object: expected one --box, or none")
         objects = [AnnotatedObject(k, to_unicode(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]

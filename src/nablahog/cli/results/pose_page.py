@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ...hog import HOGSpec
-from ...hog.box import Box
+from ...inputs.boxes import Box
 from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
 from ...pose.crop import CROP_FILL, CROP_SIDE, ObjectCrop, crop_object

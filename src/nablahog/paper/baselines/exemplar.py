@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...hog.box import Box
+from ...inputs.boxes import Box
 from ...pose.crop import ObjectCrop, crop_object
 from ...pose.photograph import all_patches
 from .exemplar_views import CELL_SIDE, OCTAVE_LEVELS, ExemplarViews, concatenate_views, pyramid
@@ -81,7 +81,7 @@ def detect(
     _, name, (azimuth, elevation), (confidence, inliers, *corners) = best
     x, y = crop.middle
     sides = [middle + (side - SEARCH_SIDE / 2) / crop.zoom for middle, side in zip((x, y, x, y), corners, strict=True)]
-    return Detection(name, azimuth, elevation, Box.of(sides), confidence, int(inliers))
+    return Detection(name, azimuth, elevation, Box(*sides), confidence, int(inliers))
 
 
 def _blocks(models: Mapping[str, ExemplarViews]) -> Iterator[tuple[tuple[int, int], list[str]]]:
