@@ -152,7 +152,7 @@ def test_a_pose_is_converted_between_crops_of_a_known_camera() -> None:
         (torch.tensor([[[1.0, math.inf], [-math.inf, 1.0]]]).repeat(1, 45, 40), (0, 0, 80, 90), "must be finite"),
         (torch.zeros(1, 90, 80), (0, 0, 7, 90), "sides of at least 8 pixels"),
         (torch.zeros(1, 90, 80), (50, 10, 20, 60), "sides of at least 8 pixels"),
-        (torch.zeros(1, 90, 80), (math.nan, 0, 80, 90), "sides of at least 8 pixels"),
+        (torch.zeros(1, 90, 80), (math.nan, 0, 80, 90), "finite numbers x0, y0, x1, y1"),
         (torch.zeros(1, 90, 80), (80, 0, 120, 90), "the image of 90x80 pixels"),
     ],
 )

@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..inputs.boxes import Box
 from ..io.images import Picture
 from ..render import Mesh
 from ..render.models import Model

@@ -10,6 +10,7 @@ from threading import Lock
 import torch
 from torch import Tensor
 
+from ..inputs.boxes import Box
 from ..runtime.pytorch import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
 from .model import (
