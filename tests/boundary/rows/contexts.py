@@ -1,0 +1,278 @@
+"""What a caller may have set: modes of PyTorch, compilers, threads, processes."""
+
+from __future__ import annotations
+
+import decimal
+import io
+import logging
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..table import Call, NotApplicable, Row, numbers
+
+HERE = Path(__file__).parents[3]
+WAIT = 300  # seconds for a process
+
+
+def inside(context: Callable[[], AbstractContextManager[Any]]) -> Callable[[Call], Any]:
+    def run(call: Call) -> Any:
+        with context():
+            return call.run()
+
+    return run
+
+
+@contextmanager
+def default_dtype(dtype: torch.dtype) -> Iterator[None]:
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(dtype)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(before)
+
+
+@contextmanager
+def deterministic() -> Iterator[None]:
+    torch.use_deterministic_algorithms(True)
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(False)
+
+
+@contextmanager
+def two_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def no_grad_globally() -> Iterator[None]:
+    torch.set_grad_enabled(False)
+    try:
+        yield
+    finally:
+        torch.set_grad_enabled(True)
+
+
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """In another folder, which is gone."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+@contextmanager
+def without_output() -> Iterator[None]:
+    """As under pythonw and cron: no standard output at all."""
+    before = sys.stdout
+    sys.stdout = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        sys.stdout = before
+
+
+def twice(call: Call) -> Any:
+    call.run()
+    return call.run()
+
+
+def in_a_thread(call: Call) -> Any:
+    results: list[Any] = []
+
+    def work() -> None:
+        try:
+            results.append(call.run())
+        except Exception as error:
+            results.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    if isinstance(results[0], Exception):
+        raise results[0]
+    return results[0]
+
+
+def in_two_threads(call: Call) -> Any:
+    """Two at once; of the first, and the second one has to be the same."""
+    results: dict[int, Any] = {}
+
+    def work(number: int) -> None:
+        try:
+            results[number] = numbers(call.run())
+        except Exception as error:
+            results[number] = error
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for result in results.values():
+        if isinstance(result, Exception):
+            raise result
+    tolerance = call.column.tolerance
+    if not np.allclose(results[0], results[1], rtol=0, atol=tolerance, equal_nan=True):
+        raise AssertionError("two threads get different results")
+    return results[0]
+
+
+def forked(call: Call) -> Any:
+    """In a child of this process that has called no more than this one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of Python, about threads
+        context = multiprocessing.get_context("fork")
+        receiver, sender = context.Pipe(duplex=False)
+
+        def work() -> None:
+            try:
+                sender.send(numbers(call.run()))
+            except Exception as error:
+                sender.send(RuntimeError(f"{type(error).__name__}: {error}"))
+
+        process = context.Process(target=work)
+        process.start()
+    sender.close()
+    try:
+        if not receiver.poll(60):
+            process.kill()
+            raise TimeoutError("the forked process hangs")
+        result = receiver.recv()
+    finally:
+        process.join()
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+@cache
+def of_process(closed: bool) -> dict[str, Any]:
+    """All plain results, computed in one new process, perhaps without standard output."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "results.pickle")
+        command = [sys.executable, "-m", f"{__package__.rsplit('.', 1)[0]}", "--plain", str(file)]
+        if closed:
+            command = ["sh", "-c", '"$@" >&-', "sh", *command]
+        done = subprocess.run(command, cwd=HERE, capture_output=True, text=True, timeout=WAIT, check=False)
+        if done.returncode:
+            raise AssertionError(f"status {done.returncode}: {done.stderr.strip()[-300:]}")
+        results: dict[str, Any] = pickle.loads(file.read_bytes())
+        return results
+
+
+def in_a_process(*, closed: bool) -> Callable[[Call], Any]:
+    def run(call: Call) -> Any:
+        result = of_process(closed)[call.column.name]
+        if isinstance(result, str):
+            raise RuntimeError(result)
+        return result
+
+    return run
+
+
+@contextmanager
+def without_words() -> Iterator[None]:
+    """Without PyTorch's own warnings and listings."""
+    logging.disable()
+    try:
+        with warnings.catch_warnings(), redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+def compiled(call: Call) -> Any:
+    if not call.column.traceable:
+        raise NotApplicable
+    with without_words():
+        torch._dynamo.reset()
+        return torch.compile(call.use.call, backend="aot_eager")(call.use.plain(call.use.base))
+
+
+class Module(torch.nn.Module):
+    def __init__(self, call: Callable[[Any], Any]) -> None:
+        super().__init__()
+        self.call = call
+
+    def forward(self, x: Any) -> Any:
+        return self.call(x)
+
+
+def exported(call: Call) -> Any:
+    if not call.column.traceable:
+        raise NotApplicable
+    x = call.use.plain(call.use.base)
+    with without_words():
+        return torch.export.export(Module(call.use.call), (x,)).module()(x)
+
+
+def mapped(call: Call) -> Any:
+    """Under ``torch.func.vmap``, one input a call."""
+    if not call.column.traceable:
+        raise NotApplicable
+    x = call.use.plain(call.use.base)
+    return torch.func.vmap(call.use.call)(x[None])[0]
+
+
+CONTEXTS: dict[str, Callable[[], AbstractContextManager[Any]]] = {
+    "no_grad": torch.no_grad,
+    "set_grad_enabled(False)": no_grad_globally,
+    "inference_mode": torch.inference_mode,
+    "autocast bfloat16": lambda: torch.autocast("cpu", torch.bfloat16),
+    "default dtype float64": lambda: default_dtype(torch.float64),
+    "default dtype float16": lambda: default_dtype(torch.float16),
+    "default device elsewhere": lambda: torch.device("meta"),
+    "deterministic algorithms": deterministic,
+    "np.errstate(all='raise')": lambda: np.errstate(all="raise"),
+    "decimal context": decimal.localcontext,
+    "two threads of PyTorch": two_threads,
+    "saved tensors on the CPU": torch.autograd.graph.save_on_cpu,
+    "a folder that is gone": elsewhere,
+    "no standard output": without_output,
+}
+RUNS: dict[str, Callable[[Call], Any]] = {
+    "twice": twice,
+    "in a thread": in_a_thread,
+    "in two threads": in_two_threads,
+    "in a forked process": forked,
+    "in a spawned process": in_a_process(closed=False),
+    "standard output closed": in_a_process(closed=True),
+    "torch.compile": compiled,
+    "torch.export": exported,
+    "torch.func.vmap": mapped,
+}
+FORKED = {"page": "a server has threads, which no fork has"}
+ROWS = [
+    *[Row(name, "context", inside(context), must="be taken", tolerance=1e-5) for name, context in CONTEXTS.items()],
+    *[
+        Row(name, "context", run, must="be taken", tolerance=1e-5, leaves_out=FORKED if run is forked else {})
+        for name, run in RUNS.items()
+    ],
+]
