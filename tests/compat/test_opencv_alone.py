@@ -5,8 +5,10 @@ How the outputs were made: ``tests/golden/README.md``.
 
 from __future__ import annotations
 
+import copy
 import ctypes
 import json
+import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from skimage import data
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor, score
 from nablahog.compat.opencv.multi_scale import resize
-from nablahog.compat.opencv.windows import Constants, Padded
+from nablahog.compat.opencv.windows import Padded, Scheme, make_scheme
 from tests.golden import archive
 
 STORED = archive("opencv_detection")
@@ -102,16 +104,35 @@ def test_smaller_images(channels: int, size: tuple[int, int], monkeypatch: pytes
     assert_array_equal(*with_and_without(monkeypatch, lambda: resize(image(channels), size)))
 
 
-@pytest.mark.parametrize(("struct", "name"), [(Padded, "PaddedImage"), (Constants, "Scheme")])
-def test_structs_have_the_same_fields_on_both_sides(struct: type[ctypes.Structure], name: str) -> None:
-    header = (Path(__file__).parents[2] / "src/nablahog/native/opencv_votes.h").read_text()
-    (body,) = re.findall(rf"struct {name} {{(.*?)}};", header, re.DOTALL)
-    types = {"int64_t": ctypes.c_int64, "float": ctypes.c_float, "const uint8_t*": ctypes.c_void_p}
-    fields: list[tuple[str, Any]] = []
-    for kind, names in re.findall(r"^  (int64_t|float|const uint8_t\*) ([\w, \[\]]+);", body, re.MULTILINE):
-        for field, count in re.findall(r"(\w+)(?:\[(\d+)\])?", names):
-            fields.append((field, types[kind] * int(count) if count else types[kind]))
-    assert struct._fields_ == fields
+@pytest.mark.parametrize(
+    ("struct", "name", "header"), [(Padded, "PaddedImage", "opencv_votes.h"), (Scheme, "Scheme", "opencv_blocks.h")]
+)
+def test_structs_have_the_same_fields_on_both_sides(struct: type[ctypes.Structure], name: str, header: str) -> None:
+    source = (Path(__file__).parents[2] / "src/nablahog/native" / header).read_text()
+    (body,) = re.findall(rf"struct {name} {{(.*?)}};", source, re.DOTALL)
+    types = {"int64_t": ctypes.c_int64, "float": ctypes.c_float}
+    fields = re.findall(r"^  (?:const )?(\w+)(\*? \*?\w+(?:, \*?\w+)*);", body, re.MULTILINE)
+    expected = [
+        (field.strip("* "), ctypes.c_void_p if "*" in names else types[kind])
+        for kind, names in fields
+        for field in names.split(",")
+    ]
+    assert struct._fields_ == expected
+
+
+def test_copies_describe_alike() -> None:
+    used = HOGDescriptor(*SMALL)
+    expected = used.compute(image(3))
+    for copied in (copy.deepcopy(used), pickle.loads(pickle.dumps(used))):
+        assert_array_equal(copied.compute(image(3)), expected)
+
+
+def test_the_default_dtype_does_not_matter(request: pytest.FixtureRequest) -> None:
+    expected = HOGDescriptor(*SMALL).compute(image(3))
+    make_scheme.cache_clear()
+    request.addfinalizer(lambda: torch.set_default_dtype(torch.float32))
+    torch.set_default_dtype(torch.float64)
+    assert_array_equal(HOGDescriptor(*SMALL).compute(image(3)), expected)
 
 
 def descriptor(*, bias: bool = True) -> HOGDescriptor:

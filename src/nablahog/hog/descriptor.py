@@ -15,6 +15,7 @@ from .checks import check_choice
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
 from .inputs import WHITE, ArrayImage, as_spec, image_batch, to_array, warn_about_range
 from .kernels.loops import find_loops
+from .kernels.tables import ImageTables
 from .layout import to_layout
 from .spec import COLOURS, HOGSpec
 from .steps import histograms_reference, merge_colours, normalize_reference, separate_colours, spread_nan
@@ -222,6 +223,15 @@ def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Ten
         return images.to(dtype).sum((1, 2, 3)).reshape(-1, 1, 1, 1).expand(shape).contiguous()
     descriptor = normalize_reference(histograms(images, spec, backend=backend), spec)  # Eq. 7
     return spread_nan(descriptor, images).permute(0, 2, 3, 1).contiguous()
+
+
+def byte_tables(spec: HOGSpec, shape: tuple[int, int, int]) -> ImageTables:
+    """Constants of the native loops for images (C, H, W) of uint8, for other rooms' loops that include their headers.
+
+    Raises:
+        ValueError: the images are too small for a descriptor.
+    """
+    return ImageTables(spec, shape, torch.uint8)
 
 
 def histograms_jvp(images: Tensor, tangents: Tensor, spec: HOGSpec) -> Tensor:

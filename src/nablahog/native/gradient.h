@@ -191,6 +191,8 @@ class Reader {
     }
     if (step == 1) {
       convert(from, std::integral_constant<int64_t, 1>(), values, channel);
+    } else if (step == 3) {  // colours of a pixel side by side
+      convert(from, std::integral_constant<int64_t, 3>(), values, channel);
     } else {
       convert(from, step, values, channel);
     }

@@ -25,7 +25,7 @@ struct Grid {
 
 // Calls of_grid(grid) for all windows: a grid serves those that are whole strides of blocks apart
 template <class OfGrid>
-void for_grids(const PaddedImage& image, const Scheme& scheme, const PoolingWeights& weights, const Corner* corners,
+void for_grids(const PaddedImage& image, const nablahog_tables& tables, const Scheme& scheme, const Corner* corners,
                int64_t count, OfGrid of_grid) {
   std::map<std::pair<int64_t, int64_t>, std::vector<int64_t>> alike;
   for (int64_t i = 0; i < count; ++i) alike[{corners[i].x % scheme.across, corners[i].y % scheme.down}].push_back(i);
@@ -38,7 +38,7 @@ void for_grids(const PaddedImage& image, const Scheme& scheme, const PoolingWeig
     const Region region{low.x, low.y, high.x - low.x + scheme.window_width, high.y - low.y + scheme.window_height};
     Grid grid{{}, scheme.block_rows(region.height) * scheme.numbers(), std::move(windows), {}};
     grid.blocks.resize(scheme.block_cols(region.width) * grid.column + lanes<float>);
-    block_grid(image, scheme, weights, region, grid.blocks.data());
+    block_grid(image, tables, scheme, region, grid.blocks.data());
     for (const int64_t i : grid.windows) {
       const int64_t col = (corners[i].x - low.x) / scheme.across, row = (corners[i].y - low.y) / scheme.down;
       grid.starts.push_back(col * grid.column + row * scheme.numbers());
@@ -48,11 +48,11 @@ void for_grids(const PaddedImage& image, const Scheme& scheme, const PoolingWeig
 }
 
 // To out (windows, columns of blocks, rows of blocks · numbers)
-inline void descriptors(const PaddedImage& image, const Scheme& scheme, const PoolingWeights& weights,
+inline void descriptors(const PaddedImage& image, const nablahog_tables& tables, const Scheme& scheme,
                         const Corner* corners, int64_t count, float* out) {
   const int64_t cols = scheme.block_cols(scheme.window_width);
   const int64_t run = scheme.block_rows(scheme.window_height) * scheme.numbers();
-  for_grids(image, scheme, weights, corners, count, [&](const Grid& grid) {
+  for_grids(image, tables, scheme, corners, count, [&](const Grid& grid) {
     for (size_t i = 0; i < grid.windows.size(); ++i) {
       for (int64_t col = 0; col < cols; ++col)
         std::memcpy(out + (grid.windows[i] * cols + col) * run, grid.blocks.data() + grid.starts[i] + col * grid.column,
@@ -84,7 +84,7 @@ void dot_products(const float* blocks, const int64_t* starts, int64_t column, co
 }
 
 // Dot products of descriptors with coefficients, to out (windows,)
-inline void scores(const PaddedImage& image, const Scheme& scheme, const PoolingWeights& weights, const Corner* corners,
+inline void scores(const PaddedImage& image, const nablahog_tables& tables, const Scheme& scheme, const Corner* corners,
                    int64_t count, const float* coefficients, float* out) {
   constexpr int64_t at_once = 4;
   const int64_t cols = scheme.block_cols(scheme.window_width);
@@ -92,7 +92,7 @@ inline void scores(const PaddedImage& image, const Scheme& scheme, const Pooling
   std::vector<float> whole(cols * padded);
   for (int64_t col = 0; col < cols; ++col)
     std::memcpy(whole.data() + col * padded, coefficients + col * run, run * sizeof(float));
-  for_grids(image, scheme, weights, corners, count, [&](const Grid& grid) {
+  for_grids(image, tables, scheme, corners, count, [&](const Grid& grid) {
     const int64_t size = int64_t(grid.windows.size());
     const auto products = [&]<int COUNT>(int64_t i) {
       float some[COUNT];
@@ -137,23 +137,23 @@ void resize(const uint8_t* image, int64_t line, const Axis& rows, const Axis& co
 
 using namespace nablahog;
 
-// To arrays (padded_height, padded_width)
-NABLAHOG_API int nablahog_opencv_votes(const opencv::PaddedImage* image, const opencv::Scheme* scheme, float* near,
-                                       float* far, int32_t* bin) {
-  return guarded([&] { opencv::votes(*image, *scheme, near, far, bin); });
+// To arrays (padded_height, padded_width, 2)
+NABLAHOG_API int nablahog_opencv_votes(const opencv::PaddedImage* image, const nablahog_tables* tables, float* votes,
+                                       uint8_t* bins) {
+  return guarded([&] { opencv::votes(*image, *tables, votes, bins); });
 }
 
 // Of windows at corners (count, 2), x and y
-NABLAHOG_API int nablahog_opencv_descriptors(const opencv::PaddedImage* image, const opencv::Scheme* scheme,
-                                             const float* by_col, const float* by_row, const opencv::Corner* corners,
-                                             int64_t count, float* out) {
-  return guarded([&] { opencv::descriptors(*image, *scheme, {by_col, by_row}, corners, count, out); });
+NABLAHOG_API int nablahog_opencv_descriptors(const opencv::PaddedImage* image, const nablahog_tables* tables,
+                                             const opencv::Scheme* scheme, const opencv::Corner* corners, int64_t count,
+                                             float* out) {
+  return guarded([&] { opencv::descriptors(*image, *tables, *scheme, corners, count, out); });
 }
 
-NABLAHOG_API int nablahog_opencv_scores(const opencv::PaddedImage* image, const opencv::Scheme* scheme,
-                                        const float* by_col, const float* by_row, const opencv::Corner* corners,
-                                        int64_t count, const float* coefficients, float* out) {
-  return guarded([&] { opencv::scores(*image, *scheme, {by_col, by_row}, corners, count, coefficients, out); });
+NABLAHOG_API int nablahog_opencv_scores(const opencv::PaddedImage* image, const nablahog_tables* tables,
+                                        const opencv::Scheme* scheme, const opencv::Corner* corners, int64_t count,
+                                        const float* coefficients, float* out) {
+  return guarded([&] { opencv::scores(*image, *tables, *scheme, corners, count, coefficients, out); });
 }
 
 // An image (…, width, channels) of 1 or 3 channels to out (rows, cols, channels)

@@ -9,16 +9,25 @@
 
 namespace nablahog::opencv {
 
-// Weights of a block's pixels in its cells: (cell_cols, block_width) and (cell_rows, block_height)
-struct PoolingWeights {
-  const float *by_col, *by_row;
+// Windows and blocks of a dialect; sizes in pixels
+struct Scheme {
+  int64_t bins;
+  int64_t window_width, window_height;
+  int64_t block_width, block_height;
+  int64_t across, down;          // from block to block
+  int64_t cell_cols, cell_rows;  // of a block
+  const float *by_col, *by_row;  // weights of a block's pixels: (cell_cols, block_width), (cell_rows, block_height)
+  float epsilon, epsilon_again, clip;
+
+  int64_t numbers() const { return cell_cols * cell_rows * bins; }  // of a block
+  int64_t block_cols(int64_t width) const { return (width - block_width) / across + 1; }
+  int64_t block_rows(int64_t height) const { return (height - block_height) / down + 1; }
 };
 
 class BlockRows {
  public:
-  BlockRows(const Scheme& scheme, const PoolingWeights& weights, const Region& region, Workspace& memory)
+  BlockRows(const Scheme& scheme, const Region& region, Workspace& memory)
       : scheme_(scheme),
-        weights_(weights),
         width_(region.width),
         rows_(scheme.block_rows(region.height)),
         ring_((scheme.block_height + scheme.down - 1) / scheme.down),
@@ -37,7 +46,7 @@ class BlockRows {
     std::fill(row_weights_, row_weights_ + lines_, 0.0f);
     for (int64_t k = begin; k < end; ++k) {
       for (int64_t row = 0; row < cell_rows; ++row)
-        row_weights_[k % ring_ * cell_rows + row] = weights_.by_row[row * height + y - k * down];
+        row_weights_[k % ring_ * cell_rows + row] = scheme_.by_row[row * height + y - k * down];
     }
     scatter(votes);
   }
@@ -99,7 +108,7 @@ class BlockRows {
   // Sums over the columns of pixels of a column of blocks, for each column of cells
   void pool(int64_t col) {
     for (int64_t cell_col = 0; cell_col < scheme_.cell_cols; ++cell_col) {
-      const float* weights = weights_.by_col + cell_col * scheme_.block_width;
+      const float* weights = scheme_.by_col + cell_col * scheme_.block_width;
       int64_t begin = 0, end = scheme_.block_width;
       while (begin < end && weights[begin] == 0) ++begin;
       while (begin < end && weights[end - 1] == 0) --end;
@@ -141,7 +150,6 @@ class BlockRows {
   }
 
   const Scheme& scheme_;
-  const PoolingWeights weights_;
   const int64_t width_, rows_;
   const int64_t ring_;    // rows of blocks that a row of pixels may be in
   const int64_t lines_;   // their rows of cells
@@ -150,13 +158,13 @@ class BlockRows {
 };
 
 // All blocks of a region, to out (columns, rows, numbers)
-inline void block_grid(const PaddedImage& image, const Scheme& scheme, const PoolingWeights& weights,
+inline void block_grid(const PaddedImage& image, const nablahog_tables& tables, const Scheme& scheme,
                        const Region& region, float* out) {
   thread_local Workspace memory;
   memory.clear();
   const int64_t cols = scheme.block_cols(region.width), rows = scheme.block_rows(region.height);
-  RowVotes votes(image, scheme, region, memory);
-  BlockRows blocks(scheme, weights, region, memory);
+  RowVotes votes(image, tables, region, memory);
+  BlockRows blocks(scheme, region, memory);
   for (int64_t y = 0; y < region.height; ++y) {
     votes.compute(y);
     blocks.add(votes, y);

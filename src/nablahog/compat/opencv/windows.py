@@ -1,14 +1,15 @@
 """Windows of a padded image: where they lie, their descriptors and their scores.
 
-The loops are those of ``native/opencv.cpp``; where there is no native library, the steps of :mod:`nablahog.hog` give
-the same, with gradients that are taken here: ``hog`` has no padding whose outermost pixels have gradients.
+The loops are those of ``native/opencv.cpp``; where there is no native library, the steps of :mod:`nablahog.hog`
+give the same, with gradients that are taken here: ``hog`` has no padding whose outermost pixels have gradients.
 """
 
 from __future__ import annotations
 
 import ctypes
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 
 from ... import native
 from ...hog import BlockNorm, HOGSpec
+from ...hog.descriptor import byte_tables
 from ...hog.layout import to_layout
-from ...hog.orientation import opencv_angle, opencv_table
+from ...hog.orientation import opencv_angle
 from ...hog.poolings import BlockCells
 from ...hog.steps import pool, pooling_axes
 from .arguments import Size
@@ -49,74 +51,50 @@ class Padded(ctypes.Structure):
         return inside
 
 
-_INTEGERS = (
-    *("gamma", "bins", "window_width", "window_height", "block_width", "block_height"),
-    *("across", "down", "cell_cols", "cell_rows"),
-)
+_INTEGERS = "bins window_width window_height block_width block_height across down cell_cols cell_rows"
 
 
-class Constants(ctypes.Structure):
-    """``Scheme`` of ``native/opencv_votes.h``."""
-
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in _INTEGERS),
-        ("polynomial", ctypes.c_float * 7),
-        *((name, ctypes.c_float) for name in ("offset", "epsilon", "epsilon_again", "clip")),
-    ]
-
-
-class Scheme(NamedTuple):
-    """Describes the windows of one dialect.
+class Scheme(ctypes.Structure):
+    """``Scheme`` of ``native/opencv_blocks.h``, for windows of (width, height).
 
     Attributes:
-        spec: the dialect.
+        spec: the dialect, of :func:`nablahog.presets.opencv`.
         rows: of blocks in a window.
         cols: of these.
-        constants: of the loops.
-        by_col: weights (cols, width) of a block's pixels in its columns of cells.
-        by_row: the same of rows, (rows, height).
+        size: numbers of a descriptor.
+        tables: of the operator's loops, for gradients and votes.
     """
 
-    spec: HOGSpec
-    rows: int
-    cols: int
-    constants: Constants
-    by_col: NDArray[np.float32]
-    by_row: NDArray[np.float32]
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in _INTEGERS.split()),
+        *((name, ctypes.c_void_p) for name in ("by_col", "by_row")),
+        *((name, ctypes.c_float) for name in ("epsilon", "epsilon_again", "clip")),
+    ]
 
-    @property
-    def size(self) -> int:
-        """Numbers of a descriptor."""
-        return self.rows * self.cols * self.spec.channels
+    def __init__(self, window: Size, spec: HOGSpec) -> None:
+        assert isinstance(spec.pooling, BlockCells)
+        assert isinstance(spec.normalizer, BlockNorm)
+        (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer
+        self.spec, self._window = spec, window
+        self.rows, self.cols = spec.grid(window[1], window[0])
+        self.size = self.rows * self.cols * spec.channels
+        self.tables = byte_tables(spec, (3, height, width))
+        self._weights = by_row, by_col = [
+            along.spread(torch.eye(along.cells, dtype=torch.float32), -1).contiguous().numpy()
+            for along in pooling_axes(spec, height, width, torch.empty(0, dtype=torch.float32))
+        ]
+        sizes = *window, width, height, across, down, len(by_col), len(by_row)
+        addresses = by_col.ctypes.data, by_row.ctypes.data
+        super().__init__(spec.bins, *sizes, *addresses, norm.epsilon, norm.epsilon_again, norm.clip)
+
+    def __reduce__(self) -> tuple[Callable[..., Scheme], tuple[Size, HOGSpec]]:  # addresses are those of one process
+        return make_scheme, (self._window, self.spec)
 
 
+@lru_cache(maxsize=16)
 def make_scheme(window: Size, spec: HOGSpec) -> Scheme:
-    """The scheme for windows of (width, height), in a dialect of :func:`nablahog.presets.opencv`."""
-    assert isinstance(spec.pooling, BlockCells)
-    assert isinstance(spec.normalizer, BlockNorm)
-    (height, width), (down, across), norm = spec.pooling.block, spec.pooling.step, spec.normalizer
-    by_row, by_col = (
-        along.spread(torch.eye(along.cells), -1).numpy() for along in pooling_axes(spec, height, width, torch.empty(0))
-    )
-    rows, cols = spec.grid(window[1], window[0])
-    constants = Constants(
-        gamma=spec.gamma == "sqrt",
-        bins=spec.bins,
-        window_width=window[0],
-        window_height=window[1],
-        block_width=width,
-        block_height=height,
-        across=across,
-        down=down,
-        cell_cols=len(by_col),
-        cell_rows=len(by_row),
-        polynomial=opencv_table(spec),
-        offset=spec.bin_offset,
-        epsilon=norm.epsilon,
-        epsilon_again=norm.epsilon_again,
-        clip=norm.clip,
-    )
-    return Scheme(spec, rows, cols, constants, by_col, by_row)
+    """The scheme, which descriptors of the same parameters share."""
+    return Scheme(window, spec)
 
 
 def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
@@ -134,24 +112,22 @@ def _gradients(padded: Padded, spec: HOGSpec) -> NDArray[np.float32]:
     return np.take_along_axis(both, winner[None, ..., None], axis=3)[..., 0]
 
 
-def _plain_gradient_votes(
-    padded: Padded, spec: HOGSpec
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """Both votes of all pixels and the bins of the first; those of the second are the next ones.  All (rows, cols)."""
+def _plain_gradient_votes(padded: Padded, spec: HOGSpec) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """:func:`gradient_votes` in PyTorch."""
     gx, gy = _gradients(padded, spec)
     position = opencv_angle(torch.from_numpy(gx), torch.from_numpy(gy), spec).numpy()
     before, magnitude = np.floor(position), np.sqrt(gx * gx + gy * gy)
     f = position - before
-    return magnitude * (1 - f), magnitude * f, before.astype(np.int64) % spec.bins
+    bins = before.astype(np.int64)[..., None] + (0, 1)
+    return np.stack([magnitude * (1 - f), magnitude * f], axis=2), (bins % spec.bins).astype(np.uint8)
 
 
 def _plain_descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Scheme) -> NDArray[np.float32]:
     """:func:`describe_windows` in PyTorch: blocks from one pixel on serve all windows whole strides from it."""
     spec, rows, cols = scheme.spec, scheme.rows, scheme.cols
     assert isinstance(spec.pooling, BlockCells)
-    near, far, bins = (torch.from_numpy(plane)[None, None] for plane in _plain_gradient_votes(padded, spec))
-    histograms = torch.zeros(1, spec.bins, *bins.shape[2:]).scatter_(1, bins, near)
-    histograms.scatter_add_(1, (bins + 1) % spec.bins, far)
+    votes, bins = (torch.from_numpy(pixels).movedim(2, 0) for pixels in _plain_gradient_votes(padded, spec))
+    histograms = torch.zeros(1, spec.bins, *bins.shape[1:]).scatter_add_(1, bins[None].long(), votes[None])
     strides, stride = corners[:, ::-1] // spec.pooling.step, corners[:, ::-1] % spec.pooling.step
     out = np.empty((len(corners), scheme.size), np.float32)
     for y, x in np.unique(stride, axis=0):
@@ -165,9 +141,9 @@ def _plain_descriptors(padded: Padded, corners: NDArray[np.int64], scheme: Schem
 
 
 _floats = native.array(np.float32)
-_dialect = ctypes.POINTER(Padded), ctypes.POINTER(Constants)
-_windows = *_dialect, _floats, _floats, native.array(np.int64), ctypes.c_int64
-_votes = native.function("opencv_votes", *_dialect, _floats, _floats, native.array(np.int32))
+_image = ctypes.POINTER(Padded), ctypes.c_void_p
+_windows = *_image, ctypes.POINTER(Scheme), native.array(np.int64), ctypes.c_int64
+_votes = native.function("opencv_votes", *_image, _floats, native.array(np.uint8))
 _descriptors = native.function("opencv_descriptors", *_windows, _floats)
 _scores = native.function("opencv_scores", *_windows, _floats, _floats)
 
@@ -207,7 +183,7 @@ def describe_windows(padded: Padded, corners: NDArray[np.int64], scheme: Scheme)
     if not native.available():
         return _plain_descriptors(padded, corners, scheme)
     out = np.empty((len(corners), scheme.size), np.float32)
-    _descriptors(padded, scheme.constants, scheme.by_col, scheme.by_row, corners, len(corners), out)
+    _descriptors(padded, scheme.tables.address, scheme, corners, len(corners), out)
     return out
 
 
@@ -218,8 +194,7 @@ def score_windows(
     weights, bias = coefficients[: scheme.size], float(coefficients[scheme.size :].sum())
     products = np.empty(len(corners), np.float32)
     if native.available():
-        dialect = scheme.constants, scheme.by_col, scheme.by_row
-        _scores(padded, *dialect, corners, len(corners), weights, products)
+        _scores(padded, scheme.tables.address, scheme, corners, len(corners), weights, products)
     else:
         products[:] = describe_windows(padded, corners, scheme) @ weights
     return products.astype(np.float64) + bias
@@ -227,9 +202,8 @@ def score_windows(
 
 def gradient_votes(padded: Padded, scheme: Scheme) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Votes (rows, cols, 2) of all pixels, and the two bins that they go to."""
-    if native.available():
-        near, far, bins = (np.empty(padded.size[::-1], dtype) for dtype in (np.float32, np.float32, np.int32))
-        _votes(padded, scheme.constants, near, far, bins)
-    else:
-        near, far, bins = _plain_gradient_votes(padded, scheme.spec)
-    return np.stack([near, far], axis=2), np.stack([bins, (bins + 1) % scheme.spec.bins], axis=2).astype(np.uint8)
+    if not native.available():
+        return _plain_gradient_votes(padded, scheme.spec)
+    votes, bins = (np.empty((*padded.size[::-1], 2), dtype) for dtype in (np.float32, np.uint8))
+    _votes(padded, scheme.tables.address, votes, bins)
+    return votes, bins
