@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..invert import LearnedPrior, train_prior
-from ..invert.prior.learned import default_prior_file, network_class
-from ..invert.prior.training import least_side
-from ..io.files import checkpoint_for
+from ..invert.prior.learned import default_prior_file
+from ..invert.prior.training import PRIOR_LEARNER
 from ..io.images import limit_size
-from ..io.learned_model import LearnedModel, load_once
+from ..io.learned_model import load_once
+from ..io.learner import Learner, Progress
 from ..io.photographs import sample_photographs
 from ..runtime.cache import cache_folder, code_key
 from .baselines.bovw import BoVW, learn_bovw
@@ -24,50 +21,13 @@ from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
 from .names import PRIORS
 
-Progress: TypeAlias = Callable[[int, int, str], None]
 SPEC: HOGSpec = presets.uoctti()
 """The descriptor of the methods that learn, as in the paper."""
 
 
-@dataclass(frozen=True)
-class Learner:
-    """How a kind of model is learned.
-
-    Attributes:
-        model: its class.
-        learn: from gray photographs (H, W), float32 in 0…1, by name, and a spec, to a model.  Its keyword arguments are
-            ``progress``, ``checkpoint`` if it can be resumed, and its own.
-        check: raises ValueError for a spec that it cannot be learned for.
-        least: (height, width) of the smallest image.
-        resumes: whether an interrupted learning is resumed from its checkpoint.
-        tile: pixels of the side of all images; None if it is free.
-    """
-
-    model: type[LearnedModel]
-    learn: Callable[..., LearnedModel]
-    check: Callable[[HOGSpec], object] = lambda spec: None
-    least: Callable[[HOGSpec], tuple[int, int]] = lambda spec: spec.cell_size
-    resumes: bool = False
-    tile: int | None = None
-
-    def learn_to(
-        self, output: Path, images: Mapping[str, Tensor], spec: HOGSpec, progress: Progress, **options: Any
-    ) -> LearnedModel:
-        """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile."""
-        with checkpoint_for(output) if self.resumes else nullcontext() as checkpoint:
-            if self.resumes:
-                options["checkpoint"] = checkpoint
-            model = self.learn(images, spec, progress=progress, **options)
-            model.save(output)
-        return model
-
-
-_PRIOR = Learner(
-    LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2, resumes=True
-)
 LEARNED = {
-    "prior": _PRIOR,
-    "unsigned-prior": _PRIOR,
+    "prior": PRIOR_LEARNER,
+    "unsigned-prior": PRIOR_LEARNER,
     "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size),
     "bovw": Learner(
         BoVW, lambda images, spec, **options: learn_bovw(images, **options), least=lambda spec: (1, 1), tile=128

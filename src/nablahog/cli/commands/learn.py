@@ -11,9 +11,10 @@ import torch
 from ...hog import HOGSpec, presets
 from ...invert import LearnedPrior, default_prior
 from ...io.files import output_folder
+from ...io.learner import Learner
 from ...io.photographs import Photographs, read_folder, sample_photographs
 from ...jobs.runner import map_on
-from ...paper.learned import LEARNED, SPEC, Learner, sample_training_photographs
+from ...paper.learned import LEARNED, SPEC, sample_training_photographs
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ...requests.dialect import Dialect

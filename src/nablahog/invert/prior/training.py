@@ -22,6 +22,7 @@ from ...hog.spec import HOGSpec
 from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
+from ...io.learner import Learner
 from ...runtime.pytorch import in_plain_mode, seeded
 from ..histograms import linear_vote_spec
 from .learned import LearnedPrior, network_class
@@ -147,6 +148,12 @@ def train_prior(
         precision=precision,
     )
     return LearnedPrior(spec, architecture, weights.half(), learning)
+
+
+PRIOR_LEARNER = Learner(
+    LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2, resumes=True
+)
+"""How `nablahog learn prior` learns."""
 
 
 def _fit(
