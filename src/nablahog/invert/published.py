@@ -244,7 +244,7 @@ class PublishedJacobian:
     def _preconditioner(self) -> Tensor:
         """Eigenvalues of ξ²L + d for the cosines of the images, (A, 1, H, W)."""
         height, width = self._objective.size
-        cos_y, cos_x = (torch.cos(math.pi * torch.arange(n) / n) for n in (height, width))
+        cos_y, cos_x = (torch.cos(math.pi * torch.arange(n, dtype=torch.float32) / n) for n in (height, width))
         laplacian = ((2 - 2 * cos_y).unsqueeze(1) + (2 - 2 * cos_x)).to(self._images)
         generator = torch.Generator().manual_seed(0)
         signs = torch.randint(0, 2, (1, 1, height, width), generator=generator).to(self._images) * 2 - 1

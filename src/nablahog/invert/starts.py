@@ -141,7 +141,7 @@ def integrate(gx: Tensor, gy: Tensor) -> Tensor:
     # the difference of two neighbours is half the mask's response, averaged over the two pixels
     fx, fy = (gx[..., :, 1:] + gx[..., :, :-1]) / 4, (gy[..., 1:, :] + gy[..., :-1, :]) / 4
     divergence = pad(fx, (0, 1)) - pad(fx, (1, 0)) + pad(fy, (0, 0, 0, 1)) - pad(fy, (0, 0, 1, 0))
-    along_y, along_x = (2 * torch.cos(math.pi * torch.arange(n) / n) - 2 for n in (height, width))
+    along_y, along_x = (2 * torch.cos(math.pi * torch.arange(n, dtype=torch.float32) / n) - 2 for n in (height, width))
     laplacian = (along_y.unsqueeze(1) + along_x).to(gx)  # its eigenvalues in the cosine basis
     laplacian[0, 0] = torch.inf
     return from_cosines(to_cosines(divergence) / laplacian).unsqueeze(1)

@@ -93,7 +93,7 @@ class CosineBasis:
     def __init__(self, height: int, width: int, like: Tensor, exponent: float = 1.0) -> None:
         # half-cycles across the longer side; the mean, of frequency 0, gets the lowest other frequency
         scale = max(height, width)
-        fy, fx = torch.arange(height) * scale / height, torch.arange(width) * scale / width
+        fy, fx = (torch.arange(n, dtype=torch.float32) * scale / n for n in (height, width))
         frequency = torch.sqrt(fy.square().unsqueeze(1) + fx.square()).clamp(min=1)
         self.weights = frequency.pow(-exponent).to(like)
 

@@ -194,7 +194,7 @@ def check_weights(weights: Tensor, make: Callable[[], nn.Module]) -> None:
 def build_network(make: Callable[[], Network], weights: Tensor) -> Network:
     """The network that ``make`` makes, with weights (n,), in float32 on the CPU, for evaluation."""
     with torch.device("meta"):
-        network = make()
+        network = make().float()  # whatever PyTorch's default dtype is
     parameters = dict(network.named_parameters())
     parts = torch.split(weights.float().cpu(), [parameter.numel() for parameter in parameters.values()])
     state = {name: part.view(each.shape) for (name, each), part in zip(parameters.items(), parts, strict=True)}

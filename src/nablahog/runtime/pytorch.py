@@ -108,6 +108,17 @@ def seeded(seed: int) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def in_float32() -> Iterator[None]:
+    """Makes tensors and modules in float32 whatever PyTorch's default dtype is, which is that of all threads."""
+    default = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(default)
+
+
 @cache
 def load_forward_mode() -> None:
     """Loads what forward mode needs: PyTorch calls a function for it that it has deprecated, and warns of that."""

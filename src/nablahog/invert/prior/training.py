@@ -23,7 +23,7 @@ from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
 from ...io.learner import Learner
-from ...runtime.pytorch import in_plain_mode, seeded
+from ...runtime.pytorch import in_float32, in_plain_mode, seeded
 from ..histograms import linear_vote_spec
 from .learned import LearnedPrior, network_class
 from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
@@ -172,7 +172,7 @@ def _fit(
     """
     steps, epochs, seed = training.steps, identity["epochs"], identity["seed"]
     half = identity["precision"] == "bfloat16"
-    with seeded(seed):
+    with seeded(seed), in_float32():
         network = (make() if start is None else build_network(make, start)).to(device)
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # convolutions take a fifth less time
     if start is not None:

@@ -229,7 +229,7 @@ class UnsignedTraining(WindowTraining):
             (regions - sign * images).square().mean(dim=(1, 2, 3)) for sign in (1.0, -1.0)
         )
         predicted = align_sign(normalise(regions.detach()), images)
-        share = torch.rand(len(images), 1, 1, 1, device=images.device)
+        share = torch.rand(len(images), 1, 1, 1, dtype=images.dtype, device=images.device)
         share = torch.where(share < 0.5, 0, 2 * share - 1)  # of the true image in the mixture
         odds = network.polarity(histograms, predicted, normalise(share * images + (1 - share) * predicted))
         return torch.minimum(positive_error, negative_error).mean() - logsigmoid(odds).mean()
@@ -242,7 +242,7 @@ class UnsignedTraining(WindowTraining):
         specs = (PAPER, OPENCV)
         odds = torch.stack([self._odds(network, image, spec) for image, _ in self.held_out for spec in specs])
         chances = odds.new_tensor([chance for _, chance in self.held_out for _ in specs])
-        factors = torch.logspace(-1, 1, 201)
+        factors = torch.logspace(-1, 1, 201, dtype=odds.dtype)
         likelihood = chances @ logsigmoid(odds[:, :, None] * factors).mean(dim=1)
         network.polarity.out.weight.mul_(float(factors[likelihood.argmax()]))
 
