@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,21 @@ _SLOPE_WEIGHTS = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of
 _STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
 _FLATTEST = 0.15  # smallest curvature along an axis, as a fraction of the largest
 _LONGEST_STEP = 2.0  # longest step, in spreads
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTrace:
+    """The poses that a search from one start went through.
+
+    Attributes:
+        model: the model's name.
+        azimuths: degrees, in order, of any turn.
+        similarities: at these poses.
+    """
+
+    model: str
+    azimuths: tuple[float, ...]
+    similarities: tuple[float, ...]
 
 
 class Round(NamedTuple):

@@ -24,7 +24,7 @@ from ..render import Mesh
 from ..render.mesh import check_mesh
 from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
-from .ascent import momentum_ascent
+from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
 from .crop import apply_mask, check_photograph, crop_object
 from .detection import find_boxes
@@ -32,7 +32,7 @@ from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, SearchMethod, SimilarityKind
 from .photograph import PreparedPhotograph
 from .problem import ELEVATIONS, PoseProblem
-from .result import PoseEstimate, SearchTrace
+from .result import PoseEstimate
 from .viewpoint_prior import ViewpointChoice, choose_viewpoints
 from .whitening import Background
 

@@ -14,6 +14,7 @@ from ..inputs.boxes import Box
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
 from ..render.conventions import MatrixConvention, convert_matrix, move_before_camera, pose_matrix, turn_to
+from .ascent import SearchTrace
 from .model import VIEW_COUNT
 from .options import FocalSource, SimilarityKind
 
@@ -21,21 +22,6 @@ _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same a
 MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
 below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
-
-
-@dataclass(frozen=True, eq=False)
-class SearchTrace:
-    """The poses that a search from one start went through.
-
-    Attributes:
-        model: the model's name.
-        azimuths: degrees, in order, of any turn.
-        similarities: at these poses.
-    """
-
-    model: str
-    azimuths: tuple[float, ...]
-    similarities: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

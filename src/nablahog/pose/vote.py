@@ -16,6 +16,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from .ascent import SearchTrace
 from .crop import CROP_FILL
 from .model import (
     DETAIL,
@@ -29,7 +30,6 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .result import SearchTrace
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
