@@ -167,7 +167,7 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         ({"method": "aubry"}, "method must be one of 'best', 'paper', 'paper-edges', 'exhaustive', got 'aubry'"),
         ({"within": 10}, "within=10 needs initial"),
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
-        ({"initial": (0, 91)}, "finite azimuth and an elevation in -90…90"),
+        ({"initial": (0, 91)}, "elevation of initial must be a finite number in -90 … 90"),
         ({"box": (200, 0, 300, 150)}, "the image of 150x180 pixels"),
         ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) .*: write photograph\[None\]$"),
         ({"photograph": torch.zeros(150, 180, 3)}, r"write photograph\.permute\(2, 0, 1\)$"),

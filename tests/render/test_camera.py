@@ -93,7 +93,7 @@ def test_motion_is_the_derivative_of_the_projection(numbers: tuple[float, ...]) 
 
 @pytest.mark.parametrize("degrees", [0, -1, 180, math.nan, math.inf])
 def test_no_field_of_view(degrees: float) -> None:
-    with pytest.raises(ValueError, match="between 0 and 180"):
+    with pytest.raises(ValueError, match="above 0 and below 180"):
         Camera.from_field_of_view(degrees, 10, 10)
 
 
@@ -106,8 +106,10 @@ def test_no_field_of_view(degrees: float) -> None:
         torch.ones(1, 6, dtype=torch.int64),
         pose(0, distance=0),
         pose(0, distance=-1),
-        pose(math.nan),
-        pose(0, x=math.inf),
+        torch.tensor([[math.nan, 0, 1, 0, 0, 0]]),
+        torch.tensor([[0, 0, 1, 0, math.inf, 0]]),
+        torch.ones(1, 6).to_sparse(),
+        torch.ones(1, 6, device="meta"),
         [[0.0, 0, 1, 0, 0, 0]],
     ],
 )

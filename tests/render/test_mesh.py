@@ -49,14 +49,17 @@ def test_normalized_is_centred_with_diagonal_one() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"vertices": torch.zeros(3, 2, dtype=torch.float64)}, r"vertices must be float64 of shape \(3, 3\), got"),
+        ({"vertices": torch.zeros(3, 2, dtype=torch.float64)}, r"vertices must have the shape \(3, 3\), got \(3, 2\)"),
         ({"vertices": torch.full((3, 3), float("nan"), dtype=torch.float64)}, "vertices must be finite"),
+        ({"vertices": np.eye(3) * 1j}, "vertices must be .* of real numbers"),
+        ({"vertices": np.ma.masked_equal(np.eye(3), 0)}, "vertices must have no masked entries"),
         ({"faces": torch.zeros(0, 3, dtype=torch.int64)}, "at least one face"),
+        ({"faces": torch.tensor([[0, 1.5, 2]])}, "faces must be an array of integers"),
         ({"faces": torch.tensor([[0, -1, 2]])}, "faces must refer to the vertices 0…2, got -1"),
         ({"brightness": torch.full((3,), float("nan"), dtype=torch.float64)}, "brightness must lie in 0…1"),
     ],
 )
-def test_mesh_refuses(changes: dict[str, torch.Tensor], message: str) -> None:
+def test_mesh_refuses(changes: dict[str, Any], message: str) -> None:
     good = {
         "vertices": torch.eye(3, dtype=torch.float64),
         "faces": torch.tensor([[0, 1, 2]]),
@@ -289,5 +292,5 @@ def test_a_mesh_takes_arrays_and_lists() -> None:
     assert (mesh.vertices.dtype, mesh.faces.dtype) == (torch.float64, torch.int64)
     assert mesh.brightness.tolist() == [0.5] * 3
     assert repr(mesh) == "<Mesh 3 vertices, 1 faces>"
-    with pytest.raises(ValueError, match=r"vertices must be float64 of shape \(1, 3\), got float64 of shape \(1, 2\)"):
+    with pytest.raises(ValueError, match=r"vertices must have the shape \(1, 3\), got \(1, 2\)"):
         Mesh([[0.0, 1.0]], [[0, 0, 0]], [0.5])  # type: ignore[arg-type]

@@ -44,8 +44,9 @@ def as_tensor(name: str, array: NDArray[Any]) -> Tensor:
     check_unmasked(name, array)
     if array.dtype.kind not in "uifb":
         raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}")
-    # PyTorch takes no other byte order and no odd strides, and warns about memory that is read only
-    native = np.require(array, array.dtype.newbyteorder("="), ["W"])
+    # PyTorch takes no other byte order and no odd strides and no longer floats, and warns of memory that is read only
+    dtype = np.dtype(np.float64) if array.dtype == np.longdouble else array.dtype.newbyteorder("=")
+    native = np.require(array, dtype, ["W"])
     even = all(step >= 0 and step % native.itemsize == 0 for step in native.strides)
     return torch.from_numpy(native if even else native.copy())
 

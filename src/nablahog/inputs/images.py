@@ -8,6 +8,7 @@ last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  An array without th
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 
 ArrayImage: TypeAlias = "NDArray[Any] | Image"
 """An image, or a batch of them, that is not a tensor."""
+
+SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
+FEW_VALUES = 2**12  # values that are all looked at
+LEVEL_OVERSHOOT = 1.0  # above white; filters overshoot by less
 
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
@@ -74,12 +79,14 @@ def _advise_on_axes(shape: tuple[int, ...]) -> str:
 def as_photograph(name: str, photograph: object) -> Tensor:
     """One photograph (C, H, W), C 1 or 3, finite floating point numbers or uint8, of a tensor, array or PIL image.
 
+    Derivatives by it are not recorded.
+
     Raises:
         TypeError: it is none of them.
         ValueError: it is a batch, has other axes or another dtype, or holds NaN or infinity.
     """
     if isinstance(photograph, Tensor):
-        image = photograph
+        image = photograph.detach()
     else:
         images, is_single = as_images(name, photograph)
         if not is_single:
@@ -100,19 +107,50 @@ def as_photograph(name: str, photograph: object) -> Tensor:
     return image
 
 
+def warn_about_levels(images: Tensor, stacklevel: int) -> None:
+    """Warns of images (…, H, W) far beyond 0…1.
+
+    Other devices than the CPU are not waited for.
+    """
+    if images.is_cpu and images.is_floating_point() and 1 + LEVEL_OVERSHOOT < _largest_value(images) < math.inf:
+        warnings.warn(
+            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
+            "uint8, and pass images of a network as they were before their mean was subtracted",
+            UserWarning,
+            stacklevel=stacklevel,
+        )
+
+
+def _largest_value(images: Tensor) -> float:
+    """Of some rows and columns of large images; 0 if values are not known.  Of centred images it tells enough."""
+    values = images.detach()
+    try:
+        if values.numel() <= FEW_VALUES:
+            return values.max().item() if values.numel() else 0
+        spacing = min(SAMPLE_SPACING, min(values.shape[-2:]) // SAMPLE_SPACING) or 1
+        # NumPy is faster with slices, and wakes no threads
+        return float(np.maximum.reduce(values.numpy()[..., ::spacing, ::spacing], axis=None))
+    except (RuntimeError, TypeError):  # tensors of torch.func's transforms have no storage, and bfloat16 no array
+        return 0
+
+
 def as_mask(name: str, mask: object, size: tuple[int, int]) -> Tensor:
     """A mask (H, W) of an image of that size, bool, true somewhere, of a tensor, an array or nested lists.
 
     Raises:
         TypeError: it is a PIL image, or nothing of that kind.
-        ValueError: it has another shape or dtype, or is nowhere true.
+        ValueError: it has another shape or dtype, masks some entries, or is nowhere true.
     """
     if is_pil(mask):
         raise TypeError(f"{name} must be bool, got a PIL image: write np.asarray(image.convert('L')) > 0")
     try:
-        tensor = torch.as_tensor(mask)
-    except (TypeError, ValueError, RuntimeError):
-        raise TypeError(f"{name} must be a tensor or an array of bool, got {type(mask).__name__}") from None
+        tensor = as_tensor(name, mask) if isinstance(mask, np.ndarray) else torch.as_tensor(mask, device="cpu")
+    except (TypeError, RuntimeError):
+        came = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise TypeError(
+            f"{name} must be a tensor or an array of bool, got {came}: of an image write "
+            "np.asarray(image.convert('L')) > 0"
+        ) from None
     if tensor.dtype != torch.bool or tuple(tensor.shape) != size:
         write = ": write mask > 0" if tensor.dtype != torch.bool else ""
         dtype = str(tensor.dtype).removeprefix("torch.")

@@ -38,18 +38,24 @@ def int_or_nan(value: float) -> float:
     return int(value) if math.isfinite(value) else math.nan
 
 
-def as_number(name: str, value: object, least: float = -math.inf, most: float = math.inf) -> float:
-    """A finite number in ``least`` … ``most``; not a truth value."""
+def as_number(
+    name: str,
+    value: object,
+    least: float = -math.inf,
+    most: float = math.inf,
+    *,
+    above: float = -math.inf,
+    below: float = math.inf,
+) -> float:
+    """A finite number in ``least`` … ``most``, above ``above`` and below ``below``; not a truth value."""
     plain = as_plain(value)
-    if not is_finite(plain) or not least <= plain <= most:
-        raise ValueError(f"{name} must be {_allowed(least, most)}, got {shortened(value)}")
+    if not is_finite(plain) or not (least <= plain <= most and above < plain < below):
+        bounds = (("of at least", least), ("above", above), ("at most", most), ("below", below))
+        allowed = [f" {words} {bound:g}" for words, bound in bounds if math.isfinite(bound)]
+        if len(allowed) == 2 and math.isfinite(least) and math.isfinite(most):
+            allowed = [f" in {least:g} … {most:g}"]
+        raise ValueError(f"{name} must be a finite number{' and'.join(allowed)}, got {shortened(value)}")
     return float(plain)
-
-
-def _allowed(least: float, most: float) -> str:
-    if least > -math.inf and most < math.inf:
-        return f"a number in {least:g} … {most:g}"
-    return f"a finite number of at least {least:g}" if least > -math.inf else "a finite number"
 
 
 def is_finite(value: object) -> bool:

@@ -72,7 +72,7 @@ def learn_background(
     for name, image in images.items():
         _check(name, image, least_size(spec, order))
     progress(0, len(images), "")
-    sums = torch.zeros(())
+    sums = torch.zeros((), dtype=torch.float64)
     image_sums = map_function(partial(_sum_scales, spec=spec, order=order), list(images.values()))
     for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
         sums = sums + sums_of_image

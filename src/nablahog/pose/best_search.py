@@ -261,7 +261,8 @@ class BestSearch:
 
     def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
         poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
-        poses[:, [0, 3]] += torch.cartesian_prod(torch.tensor(_TURNS), torch.tensor(_TILTS))
+        turns, tilts = (torch.tensor(angles, dtype=poses.dtype) for angles in (_TURNS, _TILTS))
+        poses[:, [0, 3]] += torch.cartesian_prod(turns, tilts)
         poses = self.problem.fit(self.problem.models[view.model], self.problem.limit_azimuths(poses), view.photograph)
         values = coarse.values(poses)
         penalties = self.problem.penalty(poses, view.photograph)

@@ -7,7 +7,6 @@ unknown, the crop is cut out as it is.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,8 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..hog.inputs import WHITE
 from ..inputs.boxes import Box, as_box
+from ..inputs.images import ArrayImage, as_photograph
 from ..render import Camera
 from .crop_view import CropView, resample
 
@@ -111,7 +110,7 @@ def check_box(sides: Sequence[float], height: int, width: int) -> Box:
 
 
 def crop_object(
-    photograph: Tensor,
+    photograph: Tensor | ArrayImage,
     box: Sequence[float] | None = None,
     side: int = CROP_SIDE,
     fill: float = CROP_FILL,
@@ -133,7 +132,7 @@ def crop_object(
     Raises:
         ValueError: the photograph is of another shape, holds NaN, or the box is empty or beside it.
     """
-    check_photograph(photograph)
+    photograph = as_photograph("the photograph", photograph)
     height, width = photograph.shape[1:]
     object_box = check_box((0, 0, width, height) if box is None else box, height, width)
     zoom = fill / max(object_box.width, object_box.height)
@@ -153,49 +152,20 @@ def crop_object(
     return ObjectCrop(middle, zoom, camera.focal / zoom, axis, image, size, camera, valid)
 
 
-def check_photograph(photograph: Tensor) -> None:
-    """Raises ValueError unless ``photograph`` is (1 or 3, H, W), of finite floating point numbers or of uint8."""
-    is_numeric = photograph.is_floating_point() or photograph.dtype == torch.uint8
-    if photograph.dim() != 3 or photograph.shape[0] not in (1, 3) or not is_numeric:
-        last = photograph.shape[-1:] in ((1,), (3,))
-        write = {2: "photograph[None]", 3: "photograph.permute(2, 0, 1)" if last else "", 4: "photograph[0]"}
-        advice = f": write {write[photograph.dim()]}" if write.get(photograph.dim()) else ""
-        raise ValueError(
-            f"the photograph must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
-            f"got {photograph.dtype} of shape {tuple(photograph.shape)}{advice if is_numeric else WHITE}"
-        )
-    if photograph.dtype == torch.uint8:
-        return
-    # the sum takes a tenth of the time, and is infinite for hardly any finite photograph
-    if not math.isfinite(photograph.sum()) and not torch.isfinite(photograph).all():
-        raise ValueError("the photograph must be finite, got NaN or Inf")
-
-
-def apply_mask(photograph: Tensor, mask: Tensor, box: Sequence[float] | None = None) -> tuple[Tensor, Box]:
+def apply_mask(photograph: Tensor, mask: Tensor, box: Box | None = None) -> tuple[Tensor, Box]:
     """The photograph with nothing around the object, and the object's box.
 
     Pixels around the object get the photograph's mean, so that no edge is left there but the object's own outline.
 
     Args:
         photograph: (C, H, W), floating point or uint8.
-        mask: (H, W), bool, true where the object is.
+        mask: (H, W), bool, true where the object is, somewhere.
         box: the object's; by default that of the mask.
-
-    Raises:
-        ValueError: the mask has another shape or type, or is nowhere true.
     """
-    if mask.dtype != torch.bool or mask.shape != photograph.shape[1:]:
-        raise ValueError(
-            f"the mask must be bool of the photograph's shape {tuple(photograph.shape[1:])}, "
-            f"got {str(mask.dtype).removeprefix('torch.')} of shape {tuple(mask.shape)}"
-            + (": write mask > 0" if mask.dtype != torch.bool else "")
-        )
-    if not bool(mask.any()):
-        raise ValueError("the mask must be true where the object is, got one that is true nowhere")
     if box is None:
         rows, cols = mask.any(1).nonzero(), mask.any(0).nonzero()
         box = Box(float(cols.min()), float(rows.min()), float(cols.max()) + 1, float(rows.max()) + 1)
     mean = photograph.mean(dtype=torch.float32)
     if photograph.dtype == torch.uint8:
         mean = mean.round()
-    return torch.where(mask, photograph, mean.to(photograph.dtype)), as_box("the box", box)
+    return torch.where(mask, photograph, mean.to(photograph.dtype)), box

@@ -85,7 +85,7 @@ def resample(photograph: Tensor, view: CropView, side: int) -> Tensor:
     height, width = photograph.shape[1:]
     # the remaining variance, in pixels of the means; a square of pixels has (factor² - 1) / 12
     sigma = math.sqrt(max(0.0, (1 / view.zoom**2 - 1) / 4 - (factor**2 - 1) / 12)) / factor
-    at = torch.arange(side) + 0.5 - side / 2
+    at = torch.arange(side, dtype=torch.float32) + 0.5 - side / 2
     x, y = (coordinates / factor for coordinates in view.to_photograph(at[None, :], at[:, None]))
     middle = [coordinate / factor for coordinate in view.middle]
     if view.axis is None:
@@ -117,7 +117,7 @@ def gray_means(photograph: Tensor, factor: int) -> Tensor:
     The border repeats.  Strips are averaged one by one, which takes hardly more memory than the result.
     """
     channels, height, width = photograph.shape
-    means = torch.empty(channels, -(-height // factor), -(-width // factor))
+    means = torch.empty(channels, -(-height // factor), -(-width // factor), dtype=torch.float32)
     rows = max(1, STRIP_PIXELS // (factor * width))  # of means at a time
     for row in range(0, len(means[0]), rows):
         strip = photograph[:, row * factor : (row + rows) * factor]
@@ -134,7 +134,7 @@ def _to_floats(photograph: Tensor) -> Tensor:
 def blur(image: Tensor, sigma: float) -> Tensor:
     """An image (1, 1, H, W) blurred by a Gaussian of ``sigma`` > 0 pixels; its border repeats."""
     reach = max(1, math.ceil(3 * sigma))
-    taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
+    taps = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=image.dtype) / sigma) ** 2)
     taps = taps / taps.sum()
     padded = functional.pad(image, (reach,) * 4, mode="replicate")
     result, rows = torch.empty_like(image), max(1, STRIP_PIXELS // image.shape[3])

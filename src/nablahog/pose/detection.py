@@ -74,8 +74,10 @@ def find_boxes(
     views = views[searched]
     peaks: list[Tensor] = []  # similarity, view, x, y, zoom, tilt of each
     for zoom, tilt, weights, middles, inside in _describe_levels(image, background, shrink, tilts):
-        penalty = torch.tensor(SMALL_PENALTY * math.log2(max(image.shape[1:]) * shrink * zoom / CROP_FILL))
-        penalty = penalty + view_penalty(view_elevations[searched].float(), torch.tensor([tilt]), initial)
+        smallness, tilted = torch.tensor(
+            [[SMALL_PENALTY * math.log2(max(image.shape[1:]) * shrink * zoom / CROP_FILL)], [tilt]], dtype=torch.float32
+        )
+        penalty = smallness + view_penalty(view_elevations[searched].float(), tilted, initial)
         values, view = (_correlate(weights, views) - penalty).max(2)
         values = torch.where(inside, values, -torch.inf)
         around = functional.max_pool2d(values[None, None], 3, stride=1, padding=1)[0, 0]
@@ -138,7 +140,7 @@ def _describe_levels(
 
 def _place_cells(counts: Sequence[int], cell: int, tilt: float, shape: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """x, y (rows, cols, 2) of a grid of cells on a turned image, from its middle, and whether they are in the image."""
-    turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt]).double()
+    turn = torch.ones(1, dtype=torch.float64), torch.tensor([tilt], dtype=torch.float64)
     x, y = (part[0] for part in map_grid(centre_coordinates(counts, cell), *turn))
     return torch.stack([x, y], 2), (x.abs() <= shape[1] / 2) & (y.abs() <= shape[0] / 2)
 

@@ -7,18 +7,21 @@ exhaustive one that it is compared with.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.checks import check_choice
-from ..hog.inputs import ArrayImage, image_batch, is_pil
 from ..inputs.boxes import Box, as_box
+from ..inputs.cameras import as_focal
+from ..inputs.images import ArrayImage, as_mask, as_photograph, warn_about_levels
+from ..inputs.numbers import as_integer, as_number, as_numbers, check_choice
+from ..inputs.pil_images import is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
 from ..render.mesh import check_mesh
@@ -26,7 +29,7 @@ from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
-from .crop import apply_mask, check_photograph, crop_object
+from .crop import apply_mask, crop_object
 from .detection import find_boxes
 from .model import DETAIL, equidistant_azimuths, prepared_model
 from .options import FocalSource, SearchMethod, SimilarityKind
@@ -103,7 +106,7 @@ def estimate_pose(
     mask: Tensor | NDArray[np.bool_] | None = None,
     initial: Sequence[float] | None = None,
     within: float = 180.0,
-    focal: float | Literal["exif"] | None = None,
+    focal: float | Sequence[float] | NDArray[Any] | Tensor | Literal["exif"] | None = None,
     principal_point: Sequence[float] | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
@@ -133,9 +136,10 @@ def estimate_pose(
             a rough one does no harm; the other methods stay at it.
         within: how far the azimuth may be from the initial one, degrees, for ``"best"`` only.  By default all azimuths
             are searched, and the initial one has no influence.
-        focal: focal length of the photograph's camera, pixels; then the distance is the true one.  ``"exif"`` takes it
-            from the EXIF data of a PIL image, as :func:`nablahog.io.images.read_exif_focal`.  By default an object that
-            fills its box is assumed to be three of its diagonals away.
+        focal: focal length of the photograph's camera, pixels; (fx, fy) of square pixels; or its camera matrix (3, 3),
+            which gives the principal point, too.  Then the distance is the true one.  ``"exif"`` takes it from the EXIF
+            data of a PIL image, as :func:`nablahog.io.images.read_exif_focal`.  By default an object that fills its box
+            is assumed to be three of its diagonals away.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Objects far from it look stretched, which the search takes into account.
         method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then
@@ -176,29 +180,25 @@ def estimate_pose(
     if isinstance(models, list | tuple):
         models = {str(number): mesh for number, mesh in enumerate(models)}
     named = models if isinstance(models, Mapping) else {"": models}
-    meshes = {name: check_mesh(mesh) for name, mesh in named.items()}
+    meshes = {name: check_mesh(mesh).detach() for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
     check_choice("method", method, SearchMethod)
     if similarity is not None:
         check_choice("similarity", similarity, SimilarityKind)
-    if not 0 < within <= 180:
-        raise ValueError(f"within must be above 0 and at most 180 degrees, got {within!r}")
+    within = as_number("within", within, above=0, most=180)
     if within < 180 and initial is None:
-        raise ValueError(f"within={within!r} needs initial, the azimuth from which it is measured")
+        raise ValueError(f"within={within:g} needs initial, the azimuth from which it is measured")
     if within < 180 and method != "best":
-        raise ValueError(f"within is an option of method 'best' alone, got {within!r} for method={method!r}")
+        raise ValueError(f"within is an option of method 'best' alone, got {within:g} for method={method!r}")
     kind = similarity or ("patches" if method in RENDERERS else "calibrated")
-    image, view = convert_image(photograph), _check_view(initial)
+    image, view = as_photograph("the photograph", photograph), _as_view(initial)
+    warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
     lens = choose_lens(photograph, focal, principal_point, image)
-    check_photograph(image)
+    generator = torch.Generator().manual_seed(as_integer("seed", seed, -sys.maxsize - 1, 2 * sys.maxsize + 1))
+    box = None if box is None else as_box("the box", box)
     if mask is not None:
-        if not isinstance(mask, Tensor | np.ndarray):
-            raise TypeError(
-                f"the mask must be a tensor or an array of bool, got {type(mask).__name__}: of an image write "
-                "np.asarray(image.convert('L')) > 0"
-            )
-        image, box = apply_mask(image, torch.as_tensor(mask), box)
+        image, box = apply_mask(image, as_mask("the mask", mask, (image.shape[1], image.shape[2])), box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh) for name, mesh in meshes.items()}
     other_boxes: tuple[Box, ...] | None = None
@@ -209,7 +209,7 @@ def estimate_pose(
     problem = PoseProblem(
         image,
         PreparedPhotograph(crop, background),
-        box=whole if box is None else as_box("box", box),
+        box=whole if box is None else box,
         other_boxes=other_boxes,
         models=prepared,
         initial=view,
@@ -218,57 +218,37 @@ def estimate_pose(
         # do not read a default that has no influence
         viewpoints=choose_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
         focal_from=lens.source,
-        generator=torch.Generator().manual_seed(int(seed)),
+        generator=generator,
         progress=progress,
         watch=watch,
     )
     return SEARCHES[method](problem)
 
 
-def choose_lens(photograph: object, focal: object, principal_point: Sequence[float] | None, image: Tensor) -> Lens:
+def choose_lens(photograph: object, focal: object, principal_point: object, image: Tensor) -> Lens:
     """What is known about the camera of a photograph, which is also passed as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
             raise ValueError("principal_point needs a known focal length: pass focal, too")
         return Lens(None, None, "assumed")
-    source: FocalSource = "exif" if focal == "exif" else "given"
+    source: FocalSource = "exif" if isinstance(focal, str) and focal == "exif" else "given"
     if source == "exif":
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
             raise ValueError("focal='exif' needs an uncropped PIL image with a focal length in its EXIF data")
-    if (
-        isinstance(focal, bool)
-        or not isinstance(focal, int | float | np.integer | np.floating)
-        or not 0 < focal < math.inf
-    ):
-        raise ValueError(f"focal must be a finite number of pixels above 0, or 'exif', got {focal!r}")
+    pixels, point = as_focal(focal, principal_point)
     height, width = image.shape[1:]
-    if not SHORTEST <= focal / math.hypot(height, width) <= LONGEST:
+    if not SHORTEST <= pixels / math.hypot(height, width) <= LONGEST:
         raise ValueError(
-            f"focal must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {focal:g} for "
+            f"focal must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {pixels:g} for "
             f"{height}x{width} pixels; convert millimetres by the factor {math.hypot(height, width):.0f} / diagonal of "
             "the sensor in millimetres, 43.3 if the lens is named by its equivalent for 35mm film"
         )
-    if principal_point is None:
-        return Lens(float(focal), (image.shape[2] / 2, image.shape[1] / 2), source)
-    if len(principal_point) != 2 or not all(map(math.isfinite, principal_point)):
-        raise ValueError(f"principal_point must be two finite numbers of pixels x, y, got {principal_point!r}")
-    return Lens(float(focal), (float(principal_point[0]), float(principal_point[1])), source)
+    return Lens(pixels, point or (width / 2, height / 2), source)
 
 
-def convert_image(photograph: Tensor | ArrayImage) -> Tensor:
-    """(C, H, W) of a photograph, floating point in 0…1 or uint8."""
-    if isinstance(photograph, Tensor):
-        return photograph
-    images, single = image_batch("the photograph", photograph)
-    if not single:
-        raise ValueError(f"expected one photograph, got {len(images)}")
-    return images[0]
-
-
-def _check_view(initial: Sequence[float] | None) -> tuple[float, float] | None:
+def _as_view(initial: object) -> tuple[float, float] | None:
     if initial is None:
         return None
-    if len(initial) != 2 or not all(map(math.isfinite, initial)) or not -90 <= initial[1] <= 90:
-        raise ValueError(f"initial must be a finite azimuth and an elevation in -90…90, got {initial}")
-    return initial[0], initial[1]
+    azimuth, elevation = as_numbers("initial", initial, "azimuth, elevation")
+    return azimuth, as_number("the elevation of initial", elevation, -90, 90)

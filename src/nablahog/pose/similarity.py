@@ -91,7 +91,8 @@ def calibrated_template(crop: ObjectCrop, background: Background, shrink: int = 
     descriptor = whitener.subtract_mean(describe(small.image, spec))
     x0, y0, x1, y1 = small.valid
     y, x = (
-        (torch.arange(cells) + 0.5) * cell for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
+        (torch.arange(cells, dtype=torch.float32) + 0.5) * cell
+        for cells, cell in zip(descriptor.shape[2:], spec.cell_size, strict=True)
     )
     valid = ((y >= y0) & (y <= y1))[:, None] & (x >= x0) & (x <= x1)
     return CalibratedTemplate(spec, whitener(descriptor * valid)[0], whitener, shrink)

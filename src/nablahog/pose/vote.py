@@ -103,7 +103,7 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
         _COARSE_WEIGHT * hypothesis.coarse + (1 - _COARSE_WEIGHT) * hypothesis.similarity - hypothesis.penalty
         for hypothesis in poses
     ]
-    weights = _weights(torch.tensor(similarities).double() + _VOTE_SCALE * evidence)
+    weights = _weights(torch.tensor(similarities, dtype=torch.float32).double() + _VOTE_SCALE * evidence)
     apart = signed_angles(azimuths[:, None] - azimuths)
     votes, total = torch.exp(-0.5 * (apart / _VOTE_BLUR) ** 2) @ weights, float(weights.sum())
     sides: list[tuple[list[Hypothesis], float]] = []
@@ -121,7 +121,7 @@ def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
 
     Models that are not the object's own are each off by some degrees, in all directions.
     """
-    weights = _weights(torch.tensor([hypothesis.score for hypothesis in poses]))
+    weights = _weights(torch.tensor([hypothesis.score for hypothesis in poses], dtype=torch.float32))
     angles = torch.stack([hypothesis.pose[[0, 1, 3]] for hypothesis in poses])
     first = angles[0]
     return first + weights @ signed_angles(angles - first) / weights.sum()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
+from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number
 
 _REALS, _DOUBLES = native.array(np.float32, np.float64), native.array(np.float64)
 _rotations = native.function("rotations", _DOUBLES, c_int64, _DOUBLES)
@@ -46,7 +47,9 @@ def pose(
     tensor([[30.0000, 15.0000,  2.5000,  0.0000,  0.0000,  0.0000]],
            dtype=torch.float64)
     """
-    return torch.tensor([[azimuth, elevation, distance, theta, x, y]], dtype=torch.float64)
+    values = azimuth, elevation, distance, theta, x, y
+    numbers = [as_number(name, value) for name, value in zip(PARAMETERS, values, strict=True)]
+    return torch.tensor([numbers], dtype=torch.float64, device="cpu")
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Camera:
         height, width: the size of the image in pixels.
 
     Raises:
-        ValueError: one of these is not above 0.
+        ValueError: one of these is not above 0, or a side is no integer of at most 1,000,000.
     """
 
     focal: float
@@ -73,10 +76,9 @@ class Camera:
     width: int
 
     def __post_init__(self) -> None:
-        if not (0 < self.focal < math.inf):
-            raise ValueError(f"the focal length must be a finite number of pixels above 0, got {self.focal!r}")
-        if self.height < 1 or self.width < 1:
-            raise ValueError(f"an image must have at least 1x1 pixels, got {self.height}x{self.width}")
+        object.__setattr__(self, "focal", as_number("focal, in pixels,", self.focal, above=0))
+        for side in ("height", "width"):
+            object.__setattr__(self, side, as_integer(side, getattr(self, side), 1, LONGEST_SIDE))
 
     @classmethod
     def from_field_of_view(cls, degrees: float, height: int, width: int) -> Camera:
@@ -85,9 +87,17 @@ class Camera:
         Raises:
             ValueError: not 0 < degrees < 180.
         """
-        if not 0 < degrees < 180:
-            raise ValueError(f"the field of view must lie between 0 and 180 degrees, got {degrees!r}")
+        degrees = as_number("the field of view, in degrees,", degrees, above=0, below=180)
+        height = as_integer("height", height, 1, LONGEST_SIDE)
         return cls(height / 2 / math.tan(math.radians(degrees) / 2), height, width)
+
+
+def check_camera(camera: object) -> Camera:
+    """``camera``; TypeError with what to write, if it is none."""
+    if isinstance(camera, Camera):
+        return camera
+    came = type(camera).__name__
+    raise TypeError(f"expected a nablahog.Camera, got a {came}: write nablahog.Camera(focal, height, width), in pixels")
 
 
 def check_poses(poses: Tensor) -> None:
@@ -96,7 +106,14 @@ def check_poses(poses: Tensor) -> None:
     if not is_tensor or poses.dim() != 2 or not len(poses) or poses.shape[1] != 6 or not poses.is_floating_point():
         got = f"{poses.dtype} of shape {tuple(poses.shape)}" if is_tensor else type(poses).__name__
         raise ValueError(f"poses must be a floating point tensor (B, 6) of {', '.join(PARAMETERS)}, got {got}")
-    if not torch.isfinite(poses).all() or not (poses[:, 2] > 0).all():
+    try:
+        are_proper = bool(torch.isfinite(poses).all()) and bool((poses[:, 2] > 0).all())
+    except RuntimeError:
+        raise ValueError(
+            "poses must be a plain tensor whose numbers can be read: not inside torch.export, not sparse and not meta, "
+            "and of several, instead of vmap, one batch (B, 6)"
+        ) from None
+    if not are_proper:
         raise ValueError("poses must be finite, and their distances above 0")
 
 
@@ -170,8 +187,8 @@ def pose_velocities(poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def _rays(poses: Tensor, camera: Camera, like: Tensor) -> tuple[Tensor, Tensor]:
     """x / depth and y / depth of the middles of pixels, (B, 1, W) and (B, H, 1)."""
-    x = torch.arange(camera.width, device=poses.device) + 0.5 - camera.width / 2 - poses[:, 4:5]
-    y = torch.arange(camera.height, device=poses.device) + 0.5 - camera.height / 2 - poses[:, 5:6]
+    x = torch.arange(camera.width, dtype=poses.dtype, device=poses.device) + 0.5 - camera.width / 2 - poses[:, 4:5]
+    y = torch.arange(camera.height, dtype=poses.dtype, device=poses.device) + 0.5 - camera.height / 2 - poses[:, 5:6]
     return (x / camera.focal).to(like)[:, None, :], (y / camera.focal).to(like)[:, :, None]
 
 

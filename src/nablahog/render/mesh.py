@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ..inputs.arrays import as_tensor
+from ..inputs.numbers import shortened
 from ..io.input_file import Readable, input_file
 from ..runtime.text import describe_type
 from .mesh_file import read_soup
@@ -30,7 +32,7 @@ class Mesh:
     The object's frame is that of PASCAL3D+: z up, the front looks to -y.  Both sides of a triangle are shaded alike, so
     the order of its corners does not matter.
 
-    Arguments may be tensors, or NumPy arrays or lists, which are converted.
+    Arguments may be tensors, or NumPy arrays or lists, of any real numbers, which are converted.
 
     Attributes:
         vertices: (V, 3), float64, finite; any unit.
@@ -54,17 +56,16 @@ class Mesh:
     vertices: Tensor
     faces: Tensor
     brightness: Tensor
-    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
+    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
 
     def __post_init__(self) -> None:
-        for name, dtype in (("vertices", torch.float64), ("faces", torch.int64), ("brightness", torch.float64)):
-            if not isinstance(getattr(self, name), Tensor):
-                object.__setattr__(self, name, torch.tensor(np.array(getattr(self, name)), dtype=dtype))
+        for name in ("vertices", "faces", "brightness", "from_original"):
+            object.__setattr__(self, name, _as_numbers(name, getattr(self, name)))
         count = len(self.vertices)
-        _check("vertices", self.vertices, (count, 3), torch.float64)
-        _check("faces", self.faces, (len(self.faces), 3), torch.int64)
-        _check("brightness", self.brightness, (count,), torch.float64)
-        _check("from_original", self.from_original, (4, 4), torch.float64)
+        _check_shape("vertices", self.vertices, (count, 3))
+        _check_shape("faces", self.faces, (len(self.faces), 3))
+        _check_shape("brightness", self.brightness, (count,))
+        _check_shape("from_original", self.from_original, (4, 4))
         if not len(self.faces):
             raise ValueError("a mesh must have at least one face, got none")
         if not bool(torch.isfinite(self.vertices).all()):
@@ -83,6 +84,12 @@ class Mesh:
     def unit(self) -> float:
         """Length of a unit of the vertices in those of the original: the diagonal of a normalised mesh's box."""
         return 1 / float(self.from_original[:3, 0].norm())
+
+    def detach(self) -> Mesh:
+        """The mesh without derivatives by it; itself if there are none."""
+        if not (self.vertices.requires_grad or self.brightness.requires_grad):
+            return self
+        return replace(self, vertices=self.vertices.detach(), brightness=self.brightness.detach())
 
     def normalized(self) -> Mesh:
         """The mesh with its bounding box centred at 0 and of diagonal 1; differentiable in the vertices.
@@ -113,11 +120,24 @@ def check_mesh(mesh: object) -> Mesh:
     raise TypeError(f"expected a nablahog.Mesh, got {came}")
 
 
-def _check(name: str, array: Tensor, shape: tuple[int, ...], dtype: torch.dtype) -> None:
-    if array.shape != shape or array.dtype != dtype:
-        expected = f"{str(dtype).removeprefix('torch.')} of shape {shape}"
-        got = f"{str(array.dtype).removeprefix('torch.')} of shape {tuple(array.shape)}"
-        raise ValueError(f"{name} must be {expected}, got {got}")
+def _as_numbers(name: str, value: object) -> Tensor:
+    """Of a mesh: float64, or int64 of faces, of at least one axis; arrays and lists are copied."""
+    what, dtype = ("integers", torch.int64) if name == "faces" else ("real numbers", torch.float64)
+    try:
+        numbers = value if isinstance(value, Tensor) else as_tensor(name, np.array(value, subok=True))
+    except (TypeError, RuntimeError):
+        raise ValueError(f"{name} must be a tensor, an array or lists of {what}, got {shortened(value)}") from None
+    converted = numbers if numbers.dtype == dtype or numbers.is_complex() else numbers.to(dtype)
+    has_fractions = name == "faces" and numbers.is_floating_point() and bool((converted != numbers).any())
+    if converted.dtype != dtype or not numbers.dim() or has_fractions:
+        got = f"{str(numbers.dtype).removeprefix('torch.')} of shape {tuple(numbers.shape)}"
+        raise ValueError(f"{name} must be an array of {what}, got {got}")
+    return converted
+
+
+def _check_shape(name: str, array: Tensor, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {tuple(array.shape)}")
 
 
 def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None) -> Mesh:

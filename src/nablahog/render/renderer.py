@@ -13,8 +13,10 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from ..inputs.images import as_images
+from ..inputs.numbers import as_integer, as_number, check_choice
 from ..runtime.pytorch import run_in_threads
-from .camera import Camera, check_poses, pose_jacobian, pose_vjp
+from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
 from .mesh import Mesh, check_mesh
 from .pipeline import render_torch
 from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
@@ -88,12 +90,9 @@ class Renderer:
         method: EdgeMethod = "edges",
         supersampling: int = SUPERSAMPLING,
     ) -> None:
-        if method not in ("edges", "opendr"):
-            raise ValueError(f"method must be 'edges' or 'opendr', got {method!r}")
-        if not isinstance(supersampling, int | np.integer) or not 1 <= supersampling <= 16:
-            raise ValueError(f"supersampling must be an integer from 1 to 16, got {supersampling!r}")
-        self.mesh, self.camera, self.light = check_mesh(mesh), camera, light
-        self.method, self.supersampling = method, supersampling
+        check_choice("method", method, EdgeMethod)
+        self.mesh, self.camera, self.light = check_mesh(mesh), check_camera(camera), light
+        self.method, self.supersampling = method, as_integer("supersampling", supersampling, 1, 16)
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)
         self._brightness = corner_brightness(mesh, self._groups, light).detach()
@@ -101,7 +100,7 @@ class Renderer:
     def with_camera(self, camera: Camera) -> Renderer:
         """The same mesh before another camera; what was prepared of the mesh is shared."""
         other = copy(self)
-        other.camera = camera
+        other.camera = check_camera(camera)
         return other
 
     def __call__(self, poses: Tensor, background: float | Tensor = 1.0) -> Tensor:
@@ -172,10 +171,11 @@ class Renderer:
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:
         height, width = self.camera.height, self.camera.width
-        if not isinstance(background, Tensor):
-            if not 0 <= background <= 1:
-                raise ValueError(f"the background must lie in 0…1, got {background}")
-            return torch.full((1, height, width), float(background), device=poses.device)
+        if isinstance(background, np.ndarray) and background.ndim:
+            background, _ = as_images("the background", background)
+        if not isinstance(background, Tensor) or not background.dim():
+            background = as_number("the background", background, 0, 1)
+            return torch.full((1, height, width), background, dtype=torch.float32, device=poses.device)
         if background.shape not in ((1, 1, height, width), (len(poses), 1, height, width)):
             raise ValueError(
                 f"the background must be a number or have shape (1 or {len(poses)}, 1, {height}, {width}), "
@@ -183,6 +183,9 @@ class Renderer:
             )
         if background.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"the background must be float32 or float64, got {background.dtype}")
+        if background.layout != torch.strided or background.is_meta:
+            raise ValueError("the background must be a plain tensor: write background.to_dense() of a sparse one")
+        background = background.resolve_neg()
         low, high = background.detach().aminmax()
         if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):  # NaN fails too
             raise ValueError(f"the background must lie in 0…1, got {float(low)}…{float(high)}")

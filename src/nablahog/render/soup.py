@@ -160,7 +160,7 @@ def find_distinct(rows: Floats | Integers) -> tuple[Integers, Integers]:
     new = np.ones(len(rows), dtype=bool)
     new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     which = np.empty(len(rows), dtype=np.int64)
-    which[order] = np.cumsum(new) - 1
+    which[order] = np.cumsum(new, dtype=np.int64) - 1  # torch.compile, which traces NumPy, sums no truth values
     return order[new], which
 
 
