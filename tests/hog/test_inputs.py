@@ -72,7 +72,8 @@ def test_any_array_in_memory_will_do(view: Any) -> None:
         ((3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
         ((5, 3, 16, 24), r"move the channels last, np\.moveaxis\(array, -3, -1\)"),
         ((5, 16, 24), r"write array\[\.\.\., None\] for a batch of gray images"),
-        ((5, 16, 24, 4), r"pass a tensor \(B, C, H, W\)"),
+        ((5, 16, 24, 4), r"of RGBA in uint8 pass each PIL\.Image\.fromarray\(array\[k\]\)"),
+        ((5, 16, 24, 5), r"pass a tensor \(B, C, H, W\)"),
     ],
 )
 def test_other_axes_are_refused_with_advice(shape: tuple[int, ...], advice: str) -> None:
@@ -81,11 +82,21 @@ def test_other_axes_are_refused_with_advice(shape: tuple[int, ...], advice: str)
 
 
 def test_other_images_are_refused() -> None:
-    with pytest.raises(TypeError, match=r"the mode L, RGB or I;16, got RGBA: image\.convert"):
-        hog(Image.new("RGBA", (24, 16)), SPEC)
     for dtype in ("i8", "u2", "?", "c8", "O"):
         with pytest.raises(TypeError, match=r"^images must (be floats in 0…1|hold real numbers)"):
             hog(np.zeros((16, 24), dtype), SPEC)
+
+
+def test_pil_images_are_described_upright_and_over_white() -> None:
+    levels = (photograph((16, 24)) * 255).astype(np.uint8)
+    turned = Image.fromarray(np.rot90(levels).copy())
+    turned.getexif()[0x0112] = 6
+    np.testing.assert_array_equal(hog(turned, SPEC), hog(levels, SPEC))
+    alpha = np.zeros_like(levels)
+    alpha[:, 12:] = 255
+    over_white = np.where(alpha == 0, 255, levels)
+    clear = Image.merge("LA", [Image.fromarray(levels), Image.fromarray(alpha)])
+    np.testing.assert_allclose(hog(clear, SPEC), hog(over_white, SPEC), atol=1e-6)
 
 
 def test_pil_images_of_16_bits() -> None:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_origin, get_type_hints
 
-from ..runtime.text import one_line
+from ..inputs.numbers import LEAST_CONSTANT, MOST_CONSTANT, as_plain, as_size, as_truth, check_choice, shortened
 
 Part = TypeVar("Part")
 
-LEAST_CONSTANT, MOST_CONSTANT = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
-LONGEST_SIDE = 1_000_000  # in pixels or cells
-_CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], None] | None]]] = {}
+_CHECKS: dict[type, dict[str, tuple[Any, Callable[[str, object], Any] | None]]] = {}
 """For each class, the type and check of each field; read once, since torch.compile cannot trace the reading."""
 
 
@@ -28,7 +26,7 @@ def check_fields(part: Any, *unchecked: str) -> None:
         kinds = {field.name: hints[field.name] for field in fields(part)}
         _CHECKS[type(part)] = {field: (get_origin(kind) or kind, _find_check(kind)) for field, kind in kinds.items()}
     for field, (kind, check) in _CHECKS[type(part)].items():
-        value = _plain(getattr(part, field))
+        value = as_plain(getattr(part, field))
         object.__setattr__(part, field, value)
         if check and field not in unchecked:
             check(field, value)
@@ -36,59 +34,16 @@ def check_fields(part: Any, *unchecked: str) -> None:
             object.__setattr__(part, field, float(value))
 
 
-def _plain(value: Any) -> Any:
-    """Numbers of NumPy and PyTorch as those of Python; lists and arrays as tuples."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    return tuple(map(_plain, value)) if isinstance(value, tuple | list) else value
-
-
-def _find_check(kind: Any) -> Callable[[str, object], None] | None:
+def _find_check(kind: Any) -> Callable[[str, object], Any] | None:
     if get_origin(kind) is Literal:
         return partial(check_choice, choices=kind)
-    return {bool: check_truth, float: check_positive, tuple[int, int]: check_pair}.get(kind)
-
-
-def check_truth(field: str, value: object) -> None:
-    """``value`` is True or False."""
-    if not isinstance(value, bool):
-        raise ValueError(f"{field} must be True or False, got {shortened(value)}")
-
-
-def check_choice(field: str, value: object, choices: Any) -> None:
-    """``value`` is one of the literal type ``choices``."""
-    allowed = get_args(choices)
-    if value not in allowed:
-        raise ValueError(f"{field} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}")
+    return {bool: as_truth, float: check_positive, tuple[int, int]: as_size}.get(kind)
 
 
 def check_positive(field: str, value: object) -> None:
     """``value`` is a number in :data:`LEAST_CONSTANT` … :data:`MOST_CONSTANT`."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not LEAST_CONSTANT <= value <= MOST_CONSTANT:
         raise ValueError(f"{field} must be a number in {LEAST_CONSTANT:g} … {MOST_CONSTANT:g}, got {shortened(value)}")
-
-
-def check_pair(field: str, value: object) -> None:
-    """``value`` is a pair of integers in 1 … :data:`LONGEST_SIDE`."""
-    if not (isinstance(value, tuple) and len(value) == 2 and all(map(_is_side, value))):
-        raise ValueError(
-            f"{field} must be a pair (height, width) of integers in 1 … {LONGEST_SIDE:,}, got {shortened(value)}"
-        )
-
-
-def _is_side(value: object) -> bool:
-    return type(value) is int and 1 <= value <= LONGEST_SIDE
-
-
-def pair(size: int | tuple[int, int]) -> tuple[int, int]:
-    """One number for both sides, or (height, width)."""
-    sides = _plain(size)
-    return sides if isinstance(sides, tuple) else (sides, sides)
-
-
-def shortened(value: object) -> str:
-    """A wrong value in at most 60 characters, for an error message."""
-    return one_line(repr(value), 60)
 
 
 def register(part: type[Part], kinds: dict[str, type[Part]]) -> None:

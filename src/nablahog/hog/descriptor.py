@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.autograd import forward_ad
 
+from ..inputs.arrays import to_array
+from ..inputs.images import WHITE, ArrayImage, as_images
+from ..inputs.numbers import check_choice
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
-from .checks import check_choice
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
-from .inputs import WHITE, ArrayImage, as_spec, image_batch, to_array, warn_about_range
+from .inputs import as_spec, warn_about_range
 from .kernels.loops import find_loops
 from .kernels.tables import ImageTables
 from .layout import to_layout
@@ -49,7 +51,8 @@ def hog(
     Args:
         images: (B, C, H, W), float32 or float64 in 0…1, or uint8 in 0…255; any number of channels (three are R, G, B)
             and any strides; nothing is copied on a CPU.  float16 and bfloat16 are computed in float32.  Or an array
-            (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of mode L or RGB.
+            (H, W), (H, W, C) or (B, H, W, C), C 1 or 3, or a PIL image of any mode, which is described upright and over
+            white.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults, ``"skimage"``.
         layout: ``"cells"``, or ``"native"``, the shape and order that the library itself returns.
         backend: ``"auto"``, compiled loops on a CPU, Triton kernels on a GPU; ``"torch"``, the steps of the paper, each
@@ -83,7 +86,7 @@ def hog(
     torch.Size([1, 1, 16, 16])
     """
     spec = as_spec(spec)
-    batch, is_single = (images, False) if isinstance(images, Tensor) else image_batch("images", images)
+    batch, is_single = as_images("images", images)
     is_half = batch.dtype in HALVES
     values = batch.float() if is_half and not (batch.is_cuda and _uses_triton(batch.device, backend)) else batch
     _check(values, spec, backend)

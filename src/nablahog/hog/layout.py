@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from .inputs import Descriptors, as_spec, descriptor_tensor, to_array
+from ..inputs.arrays import Descriptors, as_descriptors, to_array
+from .inputs import as_spec
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec
 
@@ -79,9 +80,8 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     """
     spec = as_spec(spec)
     if not isinstance(descriptor, Tensor):
-        tensor = descriptor_tensor("the descriptor", descriptor)
-        single = tensor.dim() == 3
-        return to_array(to_layout(tensor[None] if single else tensor, spec), single)
+        tensor, single = as_descriptors("the descriptor", descriptor)
+        return to_array(to_layout(tensor, spec), single)
     if descriptor.dim() != 4 or descriptor.shape[3] != spec.channels:
         raise ValueError(
             f"{spec.named} descriptor must have shape (B, rows, cols, {spec.channels}), got {tuple(descriptor.shape)}"
@@ -115,9 +115,9 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     rows, cols = spec.grid(*image_size)
     sizes, order, expected = _arrangement(spec, rows, cols)
     if not isinstance(native, Tensor):
-        tensor = descriptor_tensor("the descriptor", native)
-        single = tuple(tensor.shape) in (expected, (math.prod(expected),))
-        return to_array(from_layout(tensor[None] if single else tensor, spec, image_size), single)
+        tensor, _ = as_descriptors("the descriptor", native)
+        single = tuple(native.shape) in (expected, (math.prod(expected),))
+        return to_array(from_layout(tensor.reshape(1, *native.shape) if single else tensor, spec, image_size), single)
     shapes = (expected, (math.prod(expected),))
     if tuple(native.shape[1:]) not in shapes:
         raise ValueError(

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor, nn
 
-from .checks import check_choice
+from ..inputs.numbers import check_choice
 from .descriptor import HALVES, hog
 from .inputs import as_spec
 from .spec import HOGSpec

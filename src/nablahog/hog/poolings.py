@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
-from .checks import LONGEST_SIDE, check_fields, register, shortened
+from ..inputs.numbers import LONGEST_SIDE, shortened
+from .checks import check_fields, register
 from .normalizers import Footprint, Normalizer
 
 if TYPE_CHECKING:

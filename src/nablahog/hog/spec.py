@@ -13,8 +13,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+from ..inputs.numbers import shortened
 from ..runtime.text import one_line
-from .checks import check_fields, shortened
+from .checks import check_fields
 from .normalizers import Normalizer
 from .poolings import BilinearCells, PartialCells, Pooling
 

@@ -12,9 +12,10 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ..inputs.pil_images import is_pil, pil_pixels
 from ..runtime.text import describe_type
 from .descriptor import histograms, normalize
-from .inputs import as_spec, is_pil, pil_pixels
+from .inputs import as_spec
 from .kernels.loops import add_energy
 from .spec import HOGSpec
 from .steps import spread_nan
@@ -67,7 +68,8 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTE
     Args:
         image: (H, W) or (H, W, C), uint8 in 0…255, or float32 or float64 in 0…1; of any number of channels (three are
             R, G, B).  A :class:`numpy.memmap`, such as ``np.load(path, mmap_mode="r")``, anything else that has
-            ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of mode L or RGB.
+            ``shape``, ``dtype`` and rows ``[start:stop]``, or a PIL image of any mode, which is described
+            upright and over white.
         spec: the dialect, from :mod:`nablahog.presets`, or the name of a preset with its defaults.
         memory: bytes that a strip may take, approximately, including everything it is computed from; but it has at
             least one row.
@@ -89,7 +91,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTE
     True
     """
     spec = as_spec(spec)
-    reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)
+    reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)  # type: ignore[arg-type]
     if not isinstance(memory, int | np.integer) or memory < 1:
         raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")
     height, width, _ = reader.shape

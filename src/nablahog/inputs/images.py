@@ -70,7 +70,8 @@ def _advise_on_axes(shape: tuple[int, ...]) -> str:
     if len(shape) in (3, 4) and shape[-3] in (1, 3):
         return "move the channels last, np.moveaxis(array, -3, -1)"
     if len(shape) in (3, 4) and shape[-1] == 4:
-        return "of RGBA pass PIL.Image.fromarray(array), which is put over white"
+        write = "PIL.Image.fromarray(array)" if len(shape) == 3 else "each PIL.Image.fromarray(array[k])"
+        return f"of RGBA in uint8 pass {write}, which is put over white"
     if len(shape) == 3:
         return "write array[..., None] for a batch of gray images, or pass a tensor (B, C, H, W) of any C"
     return "pass a tensor (B, C, H, W) of any C"

@@ -12,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..hog.checks import check_choice, shortened
-from ..hog.inputs import ArrayImage, descriptor_tensor, image_batch
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import as_descriptors
+from ..inputs.images import ArrayImage, as_images
+from ..inputs.numbers import check_choice, shortened
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .prior.terms import Prior
@@ -24,10 +25,7 @@ LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that i
 
 def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
     """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one."""
-    if isinstance(descriptor, Tensor):
-        return descriptor
-    tensor = descriptor_tensor("the descriptor", descriptor)
-    return tensor[None] if tensor.dim() == 3 else tensor
+    return as_descriptors("the descriptor", descriptor)[0]
 
 
 def check_floats(name: str, tensor: object) -> None:
@@ -88,7 +86,7 @@ def check_images(
     if images is None:
         return None
     if not isinstance(images, Tensor):
-        images, _ = image_batch(name, images)
+        images, _ = as_images(name, images)
         images = images / 255 if images.dtype == torch.uint8 else images
     if not images.is_floating_point():
         raise TypeError(f"{name} must be floating-point, got {images.dtype}")

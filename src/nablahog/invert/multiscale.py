@@ -17,8 +17,9 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
-from ..hog.inputs import Descriptors, as_spec
+from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import Descriptors
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,

@@ -14,8 +14,10 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import hog
-from ..hog.inputs import ArrayImage, Descriptors, as_spec
+from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import Descriptors
+from ..inputs.images import ArrayImage
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
     AsPublished,

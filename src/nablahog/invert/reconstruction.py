@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.descriptor import hog
-from ..hog.inputs import Descriptors, to_array
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import Descriptors, to_array
 from ..optimize import History, StopReason
 from .polarity import looks_negative
 

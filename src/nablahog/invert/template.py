@@ -14,9 +14,10 @@ import torch
 from torch import Tensor
 
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import Descriptors, as_spec, to_array
+from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
+from ..inputs.arrays import Descriptors, to_array
 from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_axes, check_finite, descriptors_as_tensor
 from .histograms import linear_vote_spec, set_nominal_contrast

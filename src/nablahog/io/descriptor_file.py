@@ -16,9 +16,10 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..hog.inputs import as_spec, descriptor_tensor
+from ..hog.inputs import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
+from ..inputs.arrays import as_descriptors
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
@@ -110,9 +111,10 @@ def save_descriptor(
     >>> nablahog.save_descriptor("image.npz", descriptor, spec, (64, 48))
     """
     spec = as_spec(spec)
-    if not isinstance(descriptor, Tensor):
-        descriptor = descriptor_tensor("the descriptor", descriptor)
-    stored = StoredDescriptor(descriptor.detach().cpu(), spec, (int(image_size[0]), int(image_size[1])))
+    tensor, is_single = as_descriptors("the descriptor", descriptor)
+    stored = StoredDescriptor(
+        (tensor[0] if is_single else tensor).detach().cpu(), spec, (int(image_size[0]), int(image_size[1]))
+    )
     arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}
     write_arrays(path, FORMAT, arrays, compressed=True)
 

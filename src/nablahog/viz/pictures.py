@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..hog import HOGSpec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import as_spec, descriptor_tensor
+from ..hog.inputs import as_spec
 from ..hog.orientation import bin_angles
+from ..inputs.arrays import as_descriptors
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode
 
@@ -39,8 +39,8 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     Raises:
         ValueError: the shape is none of the spec's.
     """
-    values = descriptor if isinstance(descriptor, torch.Tensor) else descriptor_tensor("the descriptor", descriptor)
-    values = values.detach().cpu()
+    values, is_single = as_descriptors("the descriptor", descriptor)
+    values = (values[0] if is_single else values).detach().cpu()
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}")
     channels = mean_over_colours(values.permute(2, 0, 1).contiguous().unsqueeze(0), spec)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-from ..checks import check_choice, pair
+from ...inputs.numbers import as_square_or_size, check_choice
 from ..normalizers import BlockNorm, CellNorm, GlobalNorm
 from ..normalizers.block import BlockForm
 from ..normalizers.per_cell import GlobalForm
@@ -59,7 +59,7 @@ def paper(
         signed=False,
         bin_offset=bin_offset,
         vote="linear",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         partial_cells=partial_cells,
         normalizer=GlobalNorm(epsilon=epsilon, form=global_form),
     )
@@ -98,7 +98,7 @@ def dalal_triggs(
     ((8, 8), (15, 7), 36)
     """
     check_choice("norm", norm, BlockForm)
-    cell = pair(cell_size)
+    cell = as_square_or_size("cell_size", cell_size)
     return replace(
         _DALAL_TRIGGS,
         bins=bins,
@@ -149,8 +149,8 @@ def skimage(
         colour="gray" if channel_axis is None else "largest",
         bins=orientations,
         vote="hard",
-        cell_size=pair(pixels_per_cell),
-        normalizer=BlockNorm(pair(cells_per_block), form=block_norm),
+        cell_size=as_square_or_size("pixels_per_cell", pixels_per_cell),
+        normalizer=BlockNorm(as_square_or_size("cells_per_block", cells_per_block), form=block_norm),
         pooling=BoxCells(mean=True),
         gamma="sqrt" if transform_sqrt else "none",
         boundary="upper",
@@ -260,7 +260,7 @@ def maskfeat(
         bins=nbins,
         bin_offset=0.5 + nbins / 2,  # its angles begin at the vertical
         vote="hard",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=CellNorm(),
         pooling=BoxCells(window=gaussian_window),
         mask="sobel",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
-from ..checks import check_choice, pair
+from ...inputs.numbers import as_square_or_size, check_choice
 from ..normalizers import FourBlockNorm
 from ..normalizers.four_block import Part
 from ..poolings import BilinearCells
@@ -57,7 +57,7 @@ def uoctti(
         colour=colour,
         bins=2 * orientations,
         vote=vote,
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
     )
 
 
@@ -135,7 +135,7 @@ def vlfeat(
         bins=2 * orientations if variant == "uoctti" else orientations,
         signed=variant == "uoctti",
         vote="linear" if bilinear_orientations else "hard",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=FourBlockNorm(parts=parts[variant]),
         angle="vlfeat" if bilinear_orientations else "exact",
         layout="planes",
@@ -160,7 +160,7 @@ def dpm(cell_size: int = 8) -> HOGSpec:
     return replace(
         _UOCTTI,
         name="dpm",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=FourBlockNorm(parts=("directed", "undirected", "texture", "zero"), texture="dpm", outside="drop"),
         pooling=BilinearCells(beyond="repeat"),
         directions="four-decimals",
@@ -190,7 +190,7 @@ def dlib(cell_size: int = 8) -> HOGSpec:
     return replace(
         _UOCTTI,
         name="dlib",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=FourBlockNorm(texture="dpm", outside="drop"),
         pooling=BilinearCells(beyond="drop"),
         colour_ties="dlib",
@@ -224,7 +224,7 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
         value_range=1.0,
         border="extrapolate",
         bins=2 * orientations,
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         partial_cells="floor",
         normalizer=FourBlockNorm(clip=clip, parts=("directed", "undirected", "texture", "zero"), texture="dpm"),
         pooling=BilinearCells(beyond="drop", edge_gain=8 / 7),
@@ -260,7 +260,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
         border="gray",
         bins=2 * orientations,
         vote="linear" if bilinear else "hard",
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         partial_cells="floor",
         normalizer=FourBlockNorm(epsilon=1e-6, floor=True, parts=("directed", "undirected"), outside="missing"),
         layout="planes",
@@ -289,7 +289,7 @@ def seeing3d(cell_size: int = 5) -> HOGSpec:
         value_range=1.0,
         bins=9,
         signed=False,
-        cell_size=pair(cell_size),
+        cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=FourBlockNorm(epsilon=0.1, parts=("undirected",), outside="drop"),
         pooling=BilinearCells(beyond="repeat"),
         directions="four-decimals",

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torch.optim.lr_scheduler import OneCycleLR
 
-from ...hog.checks import check_choice
 from ...hog.inputs import as_spec
 from ...hog.spec import HOGSpec
+from ...inputs.numbers import check_choice
 from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
