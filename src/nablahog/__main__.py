@@ -9,6 +9,10 @@ import sys
 
 def main() -> int:
     """Runs the command; Ctrl-C while modules are imported prints no traceback, either."""
+    if getattr(sys, "frozen", False):  # of a program as PyInstaller makes it, each worker process starts here
+        from multiprocessing import freeze_support
+
+        freeze_support()
     # threads that wait actively take many times as long if other programs use the processors;
     # OpenMP reads this when PyTorch is loaded
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")

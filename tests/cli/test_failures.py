@@ -81,3 +81,10 @@ def test_names_that_the_terminal_cannot_show(tmp_path: Path, photo: str) -> None
     assert "[red]" in run.stdout
     assert run.stderr.count("\n") == 1
     assert "Traceback" not in run.stderr
+
+
+def test_without_standard_output_the_work_is_done(tmp_path: Path) -> None:
+    Image.new("L", (32, 32), 9).save(tmp_path / "a.png")
+    command = f"{sys.executable} -m nablahog hog {tmp_path}/a.png -o {tmp_path}/a.npz >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], timeout=300).returncode == 0
+    assert (tmp_path / "a.npz").stat().st_size > 0

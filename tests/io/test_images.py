@@ -19,8 +19,8 @@ import torch
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
-from nablahog.io.images import image_endings, limit_size, read_exif_focal, read_image, write_image
-from nablahog.io.pixels import register_heif
+from nablahog.io.images import draw_polygons, image_endings, limit_size, read_exif_focal, read_image, write_image
+from nablahog.io.pixels import prepare_pillow
 
 RAMP = np.arange(256, dtype=np.uint8).reshape(16, 16)
 COLOURS = np.random.default_rng(0).integers(0, 256, (6, 5, 3), dtype=np.uint8)
@@ -169,6 +169,31 @@ def test_decompression_bombs(tmp_path: Path) -> None:
         read_image(tmp_path / "bomb.png")
 
 
+def test_more_pixels_are_read_where_the_user_allows_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 50)
+    Image.fromarray(RAMP).save(tmp_path / "ramp.png")
+    with pytest.raises(ValueError, match="NABLAHOG_MAX_PIXELS allows more"):
+        read_image(tmp_path / "ramp.png")
+    for allowed in ("256", "many"):
+        monkeypatch.setenv("NABLAHOG_MAX_PIXELS", allowed)
+        prepare_pillow.cache_clear()
+        if allowed == "256":
+            assert read_image(tmp_path / "ramp.png").shape == (1, 16, 16)
+        else:
+            with pytest.raises(ValueError, match="must be a number of pixels, got 'many'"):
+                read_image(tmp_path / "ramp.png")
+
+
+@pytest.mark.parametrize("with_parts", [True, False])
+def test_previews_of_raw_photographs_are_refused(tmp_path: Path, with_parts: bool) -> None:
+    path = tmp_path / "raw.dng"
+    with tifffile.TiffWriter(path) as tiff:
+        tiff.write(COLOURS, photometric="rgb", subfiletype=1, subifds=int(with_parts))
+        tiff.write(np.zeros((64, 64), np.uint16), photometric="cfa" if with_parts else "minisblack", subfiletype=0)
+    with pytest.raises(ValueError, match="its first image is a preview, as in raw photographs"):
+        read_image(path)
+
+
 def test_no_picture(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no such file"):
         read_image(tmp_path / "missing.png")
@@ -220,7 +245,7 @@ def test_writing_and_reading_again(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(find_spec("pillow_heif") is None, reason="needs pillow-heif")
 def test_heic(tmp_path: Path) -> None:
-    register_heif()
+    prepare_pillow()
     colour = (200, 100, 50)
     Image.new("RGB", (48, 32), colour).save(tmp_path / "a.heic", quality=100)
     assert {".heic", ".heif"} <= image_endings()
@@ -284,3 +309,11 @@ def test_of_a_photograph_that_was_made_smaller(written: Any) -> None:
 )
 def test_nothing_is_said(written: Any, tags: dict[str, Any]) -> None:
     assert read_exif_focal(written(**tags)) is None
+
+
+def test_polygons_are_drawn_as_a_mask() -> None:
+    mask = draw_polygons([(2, 1, 6, 1, 6, 4, 2, 4), (0, 0, 0, 0, 0, 0)], 8, 10)
+    assert (mask.dtype, mask.shape) == (torch.bool, (8, 10))
+    assert bool(mask[1:5, 2:7].all())
+    assert bool(mask[0, 0])
+    assert int(mask.sum()) == 21

@@ -107,6 +107,40 @@ def test_objects_of_a_file_like_cocos(tmp_path: Path) -> None:
     ]
 
 
+def test_polygons_take_the_place_of_a_missing_box(tmp_path: Path) -> None:
+    path, sides = tmp_path / "a.json", [28, 12, 95, 12, 95, 125, 28, 125]
+    annotations = [
+        {"id": 1, "image_id": 7, "segmentation": [sides, [100, 12, 110, 12, 110, 20.5]]},
+        {"id": 2, "image_id": 7, "segmentation": [sides], "bbox": [1, 2, 3, 4]},
+        {"id": 3, "image_id": 7, "segmentation": []},
+    ]
+    path.write_text(json.dumps({**COCO, "annotations": annotations}))
+    outlined, boxed, unknown = read_objects(path)
+    assert outlined.box == Box(28, 12, 110, 125)
+    assert outlined.polygons == (tuple(sides), (100, 12, 110, 12, 110, 20.5))
+    assert (boxed.box, boxed.polygons, unknown.box) == (Box(1, 2, 4, 6), (), None)
+
+
+def test_absolute_names_of_files_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = _csv(tmp_path, f"image\n{tmp_path}/photos/in/a.jpg\n")
+    for folder in ("photos", tmp_path / "photos"):
+        assert read_objects(path, folder)[0].image == "in/a.jpg"
+    with pytest.raises(ValueError, match="expected the name of a file in the folder"):
+        read_objects(path, tmp_path / "photos" / "in" / "deeper")
+
+
+@pytest.mark.parametrize(("ids", "numbers"), [("75", [7, 5]), ("77", [1, 2]), ("7a", [1, 2])])
+def test_ids_of_a_csv_file_if_they_are_different_numbers(tmp_path: Path, ids: str, numbers: list[int]) -> None:
+    path = _csv(tmp_path, f"image,id\na.jpg,{ids[0]}\nb.jpg,{ids[1]}\n")
+    assert [listed.id for listed in read_objects(path)] == numbers
+
+
+def test_lines_are_counted_with_the_remark_of_spreadsheets(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="line 3, column x1"):
+        read_objects(_csv(tmp_path, "sep=;\nimage;x0;y0;x1;y1\na.jpg;1;2;x;4\n"))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -132,6 +166,8 @@ def test_objects_that_are_refused(tmp_path: Path, text: str, message: str) -> No
         ({"images": [5]}, r"images\[0\]: expected an object"),
         ({"images": [{"id": 7}]}, r"annotations\[0\], column image_id: expected the id of one of the images, got 9"),
         ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected a different id for"),
+        ({"annotations": [{"id": 1, "image_id": 7, "segmentation": {"counts": "x"}}]}, "segmentation: expected a bbox"),
+        ({"annotations": [{"id": 1, "image_id": 7, "segmentation": [[1, 2, 3, 4, 5, "x"]]}]}, "expected a finite numb"),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2]}]}, r"column bbox: expected x, y, width"),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2, 3, True]}]}, r"bbox\[3\]: expected a finite number"),
     ],

@@ -24,7 +24,7 @@ from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
 from ..io.images import limit_size, read_exif_focal, read_image
 from ..io.input_file import InputFile
-from ..io.pixels import register_heif
+from ..io.pixels import prepare_pillow
 from ..render import Mesh, load_mesh
 from ..requests.arrays import read_stored
 from ..requests.dialect import as_text
@@ -203,7 +203,7 @@ def store_photograph(data: bytes, name: str, _: Mapping[str, str], store: Store)
 
 def _check_pixels(data: bytes, name: str) -> None:
     """Refuses, by its first bytes alone, an image of too many pixels."""
-    register_heif()
+    prepare_pillow()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -90,7 +90,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         inputs were skipped, each with a line on stderr, and the others done; 4 when the confidence of a pose is
         too low; 130 when interrupted.
     """
-    for stream in (sys.stdout, sys.stderr):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed, or of a program without a console
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
     whole = parser()

@@ -129,7 +129,10 @@ def _choose_array(file: InputFile, key: str | None) -> NDArray[Any]:
     if key is not None and key in arrays:
         return arrays[key]
     if not arrays:
-        raise ValueError(f"{file}: expected an array, but the file holds no array of numbers")
+        remedy = ""
+        if _is_pytorch(file):
+            remedy = "; it is PyTorch's: write numpy.save('descriptor.npy', tensor.numpy()) in place of torch.save"
+        raise ValueError(f"{file}: expected an array, but the file holds no array of numbers{remedy}")
     listed = one_line("the file holds " + ", ".join(f"{name} {array.shape}" for name, array in arrays.items()))
     names = {"keys": [*arrays]}
     if key is not None:
@@ -205,6 +208,12 @@ def _read_npy(file: InputFile) -> NDArray[Any]:
         if "Python objects" in str(error):
             raise ValueError(f"{file}: the file holds pickled objects, which are never loaded") from None
         raise ValueError(f"{file}: expected an array (.npy), but it cannot be read: {one_line(error)}") from None
+
+
+def _is_pytorch(file: InputFile) -> bool:
+    """Whether an archive is what ``torch.save`` writes: tensors that pickled objects refer to."""
+    with file.open() as stream, zipfile.ZipFile(stream) as archive:
+        return any(name.endswith("/data.pkl") for name in archive.namelist())
 
 
 def _is_npy(file: InputFile) -> bool:

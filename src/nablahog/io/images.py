@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
@@ -12,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageDraw, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
@@ -21,7 +22,7 @@ from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import Readable, input_file
-from .pixels import decode_image, register_heif
+from .pixels import PIXELS_VARIABLE, decode_image, prepare_pillow
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
 
@@ -44,7 +45,7 @@ def as_array(picture: Picture) -> NDArray[np.float64]:
 
 def image_endings() -> set[str]:
     """The endings, as ".png", of files that :func:`read_image` reads as images."""
-    register_heif()
+    prepare_pillow()
     return {ending for ending, kind in Image.registered_extensions().items() if kind in Image.OPEN}
 
 
@@ -55,7 +56,8 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
     files (1, 8 or 16 bit, or float) have one channel, all others R, G, B.  A level k of 8 or 16 bits becomes k/255 or
     k/65535, and its negative where the file says that 0 is white.  Float files hold 0…1 or 0…255, which is divided by
     255; what lies outside by less than a tenth, as filters leave it, is clipped.  Colour profiles are not applied.  A
-    JPEG or JPEG 2000 file may lack its end marker, if it has all pixels.
+    JPEG or JPEG 2000 file may lack its end marker, if it has all pixels.  The preview in a raw photograph (DNG, NEF,
+    CR2) is refused.
 
     Args:
         path: the file, or an :class:`~nablahog.io.input_file.InputFile` of its bytes.
@@ -69,7 +71,8 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is not a regular file or picture, is damaged, has no pixels or more than twice
-            ``PIL.Image.MAX_IMAGE_PIXELS``, or its levels are none of the above.
+            ``PIL.Image.MAX_IMAGE_PIXELS``, or than the environment variable ``NABLAHOG_MAX_PIXELS`` says, or its levels
+            are none of the above.
     """
     file = input_file(path)
     file.check("an image file")
@@ -82,7 +85,10 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
             return _assemble(image, size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
-            raise ValueError(f"{file}: an image of more than {limit:,} pixels is refused; it may be a bomb") from None
+            raise ValueError(
+                f"{file}: an image of more than {limit:,} pixels is refused; it may be a bomb, and if it is none, the "
+                f"environment variable {PIXELS_VARIABLE} allows more"
+            ) from None
         except UnidentifiedImageError:
             raise ValueError(f"{file}: expected an image, got a file of no format that Pillow reads") from None
         except MemoryError:
@@ -133,6 +139,14 @@ def _resize(image: Tensor, height: int, width: int) -> Tensor:
     if image.shape[1:] == (height, width):
         return image
     return functional.interpolate(image[None], (height, width), mode="bicubic", antialias=True, align_corners=False)[0]
+
+
+def draw_polygons(polygons: Sequence[Sequence[float]], height: int, width: int) -> Tensor:
+    """A mask (height, width), bool, true inside any of some polygons x, y, x, y, … in pixels."""
+    image = Image.new("1", (width, height))
+    for polygon in polygons:
+        ImageDraw.Draw(image).polygon([*polygon], fill=1)
+    return torch.from_numpy(np.array(image))
 
 
 def to_pil(picture: Picture) -> Image.Image:
@@ -224,7 +238,7 @@ def read_exif_focal(path: Readable) -> float | None:
     ...     round(read_exif_focal(Path(folder, "phone.jpg")), 1)  # 26 / 43.27 of the diagonal, 500 pixels
     300.5
     """
-    register_heif()
+    prepare_pillow()
     with warnings.catch_warnings(), suppress(Exception):
         warnings.simplefilter("ignore")
         with input_file(path).open() as stream, Image.open(stream) as image:

@@ -90,9 +90,10 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[List
     line, data = 1, read_list(path, "a CSV file")
     try:
         written = io.StringIO(decode_text(data), newline=None).read()
-        written = re.sub(r"\Asep=.\n", "", written)  # a remark for spreadsheets
-        delimiter = max(",;\t", key=written.partition("\n")[0].count)  # the first of equals
-        reader = csv.DictReader(io.StringIO(written), delimiter=delimiter, skipinitialspace=True)
+        table = re.sub(r"\Asep=.\n", "", written)  # a remark for spreadsheets
+        remarks = int(table != written)
+        delimiter = max(",;\t", key=table.partition("\n")[0].count)  # the first of equals
+        reader = csv.DictReader(io.StringIO(table), delimiter=delimiter, skipinitialspace=True)
         names = [name.strip().lower() for name in reader.fieldnames or ()]
         names = [_OTHER_NAMES.get(name, name) for name in names]
         reader.fieldnames = names
@@ -105,7 +106,7 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[List
             raise ValueError(f"expected one column {twice}, got {names.count(twice)}")
         rows = []
         for values in reader:
-            line = reader.line_num
+            line = reader.line_num + remarks
             if any(values.pop(None, ())):  # commas in numbers shift all that follow
                 raise ValueError(f"expected one value per column, {len(names)} in all, got more")
             rows.append(ListEntry(f"{path}, line {line}", values, "." if delimiter == "," else ","))
@@ -127,6 +128,7 @@ class AnnotatedObject:
         view: its azimuth and elevation, degrees; None if unknown.
         theta: its rotation in the image, degrees; None if unknown.
         model: the name of its CAD model, or of the one most like it; None if unknown.
+        polygons: its outline, each polygon x, y, x, y, … in pixels, if the list has it in place of a box.
     """
 
     id: int
@@ -135,19 +137,22 @@ class AnnotatedObject:
     view: tuple[float, float] | None = None
     theta: float | None = None
     model: str | None = None
+    polygons: tuple[tuple[float, ...], ...] = ()
 
 
-def read_objects(path: str | os.PathLike[str]) -> list[AnnotatedObject]:
+def read_objects(path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None) -> list[AnnotatedObject]:
     """The objects that a file lists, in its order.
 
     A CSV file has a line of column names and then a line for each object: ``image``, and where they are known ``x0``,
     ``y0``, ``x1``, ``y1`` (or ``xmin``, ``ymin``, ``xmax``, ``ymax``), ``azimuth`` and ``elevation``, ``theta``, and
-    ``model``.  Other columns are not read; objects are numbered from 1.  A JSON file is like those of COCO: ``images``
-    with ``id`` and ``file_name``, ``annotations`` with ``id``, ``image_id``, ``bbox`` (x, y, width, height) and perhaps
-    angles and ``model``.
+    ``model``.  Other columns are not read; objects are numbered from 1, unless the column ``id`` has a different whole
+    number for each.  A JSON file is like those of COCO: ``images`` with ``id`` and ``file_name``, ``annotations`` with
+    ``id``, ``image_id``, ``bbox`` (x, y, width, height) and perhaps angles and ``model``.  Where there is no ``bbox``,
+    the polygons of ``segmentation`` tell the box.
 
     Args:
         path: the file, in UTF-8.
+        folder: of the photographs; the list may name those in it by their absolute paths, too.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -166,10 +171,10 @@ def read_objects(path: str | os.PathLike[str]) -> list[AnnotatedObject]:
     if ending not in (".csv", ".json"):
         input_file(path).check("a CSV or JSON file")
         raise ValueError(f"{path}: expected a list of objects (.csv, .json), got the ending {path.suffix!r}")
-    return _read_csv_objects(path) if ending == ".csv" else _read_json_objects(path)
+    return _read_csv_objects(path, folder) if ending == ".csv" else _read_json_objects(path, folder)
 
 
-def _read_csv_objects(path: Path) -> list[AnnotatedObject]:
+def _read_csv_objects(path: Path, folder: str | os.PathLike[str] | None) -> list[AnnotatedObject]:
     rows = read_csv(path, ("image",))
     for group in (SIDES, ANGLES[:2]):
         missing = [name for name in group if name not in rows[0].values]
@@ -177,10 +182,17 @@ def _read_csv_objects(path: Path) -> list[AnnotatedObject]:
             raise ValueError(f"{path}: expected the columns {', '.join(group)} together, but {missing[0]} is missing")
     if SIDES[0] not in rows[0].values and {"width", "height", "w", "h", "bbox", "x2", "right"} & rows[0].values.keys():
         raise ValueError(f"{path}: expected boxes in the columns {', '.join(SIDES)}, got {', '.join(rows[0].values)}")
-    return [read_object(number, row, _inside(row, unguarded(row.text("image")))) for number, row in enumerate(rows, 1)]
+    ids = [row.text("id") for row in rows]
+    numbers = [int(text) for text in ids if re.fullmatch("[0-9]{1,18}", text)]
+    if len({*numbers}) < len(rows):
+        numbers = [*range(1, len(rows) + 1)]
+    return [
+        read_object(number, row, _inside(row, unguarded(row.text("image")), folder))
+        for number, row in zip(numbers, rows, strict=True)
+    ]
 
 
-def _read_json_objects(path: Path) -> list[AnnotatedObject]:
+def _read_json_objects(path: Path, folder: str | os.PathLike[str] | None) -> list[AnnotatedObject]:
     data = read_list(path, "a JSON file")
     try:
         whole = json.loads(data)
@@ -197,7 +209,7 @@ def _read_json_objects(path: Path) -> list[AnnotatedObject]:
             raise row.error("image_id", f"expected the id of one of the images, got {image}")
         if number in objects:
             raise row.error("id", f"expected a different id for each object, got {number} twice")
-        objects[number] = read_object(number, row, _inside(row, names[image]))
+        objects[number] = read_object(number, row, _inside(row, names[image], folder))
     return list(objects.values())
 
 
@@ -215,9 +227,12 @@ def _id(row: ListEntry, key: str) -> int:
     return value
 
 
-def _inside(row: ListEntry, image: object) -> str:
-    """The name of a file in the folder of photographs, or below: others are refused."""
+def _inside(row: ListEntry, image: object, folder: str | os.PathLike[str] | None) -> str:
+    """The name of a file in the folder of photographs, or below, relative to it: others are refused."""
     name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
+    if folder is not None and os.path.isabs(name) and "\0" not in name:
+        inside = os.path.relpath(os.path.normpath(name), os.path.abspath(folder)).replace(os.sep, "/")
+        name = name if inside.startswith("..") else inside
     if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
         expected = "the name of a file in the folder of photographs, or below"
         raise row.error("image", f"expected {expected}, got {one_line(repr(image), 60)}")
@@ -234,6 +249,10 @@ def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
         entries = ListEntry(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
         x, y, width, height = (entries.number(name, "pixels") for name in entries.values)
         sides = [x, y, x + width, y + height]
+    polygons = () if sides is not None else _read_polygons(row)
+    if polygons:
+        along_x, along_y = ([value for polygon in polygons for value in polygon[k::2]] for k in (0, 1))
+        sides = [min(along_x), min(along_y), max(along_x), max(along_y)]
     box = None if sides is None else Box(*sides)
     if box is not None and not (box.width > 0 and box.height > 0):
         raise ValueError(f"{row.where}: expected a box with sides above 0, got {tuple(box)}")
@@ -242,4 +261,21 @@ def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
         raise row.error("elevation", f"expected degrees in -90…90, got {view[1]:g}")
     (theta,) = row.numbers(ANGLES[2:], "degrees") or (None,)
     angles = None if view is None else (view[0], view[1])
-    return AnnotatedObject(number, image, box, angles, theta, row.text("model") or None)
+    return AnnotatedObject(number, image, box, angles, theta, row.text("model") or None, polygons)
+
+
+def _read_polygons(row: ListEntry) -> tuple[tuple[float, ...], ...]:
+    """The polygons of COCO's ``segmentation``; none if there is none."""
+    column = "segmentation"
+    polygons = row.values.get(column)
+    if not polygons or isinstance(polygons, str):  # another table's text
+        return ()
+    if not isinstance(polygons, list) or not all(
+        isinstance(polygon, list) and len(polygon) >= 6 and len(polygon) % 2 == 0 for polygon in polygons
+    ):
+        expected = "a bbox, or polygons [[x, y, x, y, x, y, …], …]"
+        raise row.error(column, f"expected {expected}, got {one_line(repr(polygons), 60)}")
+    return tuple(
+        tuple(ListEntry(row.where, {column: value}).number(column, "pixels") for value in polygon)
+        for polygon in polygons
+    )

@@ -110,7 +110,7 @@ def _iterate_matrices(data: bytes) -> Iterator[tuple[_Element, _Bytes]]:
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[512:520] == b"\x89HDF\r\n\x1a\n":
         raise _Damaged("it is of version 7.3; save it with `save -v7`")
     if data[126:128] not in _BYTE_ORDERS:
-        raise _Damaged("its header does not say so")
+        raise _Damaged("its header does not say so; if it is of version 4, save it with `save -v7`")
     order = _Bytes(_BYTE_ORDERS[data[126:128]])
     left = MAX_MAT_BYTES - len(data)
     for element in _iterate_elements(memoryview(data)[128:], order):

@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 import io
+import os
 from contextlib import suppress
 from functools import cache
 from typing import Any
 
 from PIL import Image, ImageOps
-from PIL.TiffImagePlugin import BITSPERSAMPLE, PLANAR_CONFIGURATION
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PLANAR_CONFIGURATION, SUBIFD
 
+from ..runtime.text import one_line
 from .input_file import InputFile
 
 MAX_IMAGE_BYTES = 2**30  # of a file; the largest images that are read have fewer
+PIXELS_VARIABLE = "NABLAHOG_MAX_PIXELS"
 _PLANES = 2  # as TIFF's tag has it
 _JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_2000 = (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")  # alone or in boxes; its end is that of JPEG
+_KIND_OF_IMAGE, _SMALLER = 254, 1  # TIFF's tag NewSubfileType, and its value for an image that stands for a larger one
+_CANON = slice(8, 10), b"CR"  # in the head of a CR2 file, whose first image is a JPEG preview
 
 
 @cache
-def register_heif() -> None:
-    """Lets Pillow read HEIC and AVIF as pillow-heif does, where it is installed."""
+def prepare_pillow() -> None:
+    """Lets Pillow read HEIC and AVIF by pillow-heif, where it is installed, and as many pixels as the user allows.
+
+    Raises:
+        ValueError: the environment variable :data:`PIXELS_VARIABLE` is not a number of pixels.
+    """
+    allowed = os.environ.get(PIXELS_VARIABLE)
+    if allowed:
+        if not allowed.isdecimal() or int(allowed) < 1:
+            raise ValueError(f"{PIXELS_VARIABLE} must be a number of pixels, got {one_line(allowed)!r}")
+        Image.MAX_IMAGE_PIXELS = (int(allowed) + 1) // 2  # Pillow refuses twice as many
     with suppress(ImportError):
         import pillow_heif
 
@@ -29,7 +43,7 @@ def register_heif() -> None:
 
 def decode_image(file: InputFile) -> Image.Image:
     """The image in a file, upright; raises whatever Pillow does if it is damaged."""
-    register_heif()
+    prepare_pillow()
     if file.size > MAX_IMAGE_BYTES:
         raise ValueError(f"it has more than {MAX_IMAGE_BYTES:,} bytes")
     # from memory: some decoders allocate as many bytes as a damaged file promises
@@ -55,12 +69,23 @@ def _open(data: bytes) -> Image.Image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
         tags: dict[int, Any] = getattr(image, "tag_v2", {})
+        if tags and _is_preview(image, tags, data):
+            raise ValueError(
+                "its first image is a preview, as in raw photographs; develop or convert it first, and save it as PNG"
+            )
         if tags.get(PLANAR_CONFIGURATION) == _PLANES and set(tags.get(BITSPERSAMPLE, ())) == {16}:
             _read_16_bits(image)
         image.load()
         with suppress(Exception):  # damaged EXIF data says nothing about the pixels
             ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
     return image
+
+
+def _is_preview(image: Image.Image, tags: dict[int, Any], data: bytes) -> bool:
+    """Whether the first image of a TIFF file stands for a larger one in the file."""
+    if data[_CANON[0]] == _CANON[1]:
+        return True
+    return tags.get(_KIND_OF_IMAGE) == _SMALLER and (SUBIFD in tags or getattr(image, "n_frames", 1) > 1)
 
 
 def _read_16_bits(image: Any) -> None:

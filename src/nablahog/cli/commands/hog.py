@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.request import url2pathname
 
 from PIL import Image
 
@@ -81,6 +82,8 @@ def glyph(arguments: Namespace) -> int:
 
 
 def _check_stdout(output: str) -> None:
+    if output == STDOUT and getattr(sys.stdout, "name", "") == os.devnull:
+        raise ValueError("-o - writes to stdout, which is closed: expected a pipe or a file")
     if output == STDOUT and sys.stdout.isatty():
         raise ValueError("-o - writes bytes, and stdout is a terminal: expected a pipe or a file")
 
@@ -165,14 +168,14 @@ def _do(jobs: Sequence[ShardJob], done: int, total: int, arguments: Namespace) -
 
 def _paths(arguments: Namespace) -> list[str]:
     """All images, in order: files, folders, patterns, URLs, and lists of these."""
-    named = [name for name in arguments.inputs if not name.startswith(LIST)]
+    named = [_decode_file_url(name) for name in arguments.inputs if not name.startswith(LIST)]
     plain = [name for name in named if "://" not in name]
     paths = _expanded(arguments, plain) if plain else []
     for name in named:
         if "://" in name:
             paths += _urls(name)
     for name in arguments.inputs:
-        for line in map(local_name, _lines(name[1:]) if name.startswith(LIST) else ()):
+        for line in map(_decode_file_url, map(local_name, _lines(name[1:]) if name.startswith(LIST) else ())):
             if "://" in line:  # signed URLs have question marks, which are no patterns
                 paths += _urls(line) if "*" in line else [line]
             else:
@@ -180,6 +183,19 @@ def _paths(arguments: Namespace) -> list[str]:
     if not paths:
         raise ValueError("there are no images among the inputs")
     return paths
+
+
+def _decode_file_url(name: str) -> str:
+    """The path of a URL as ``Path.as_uri()`` writes it, if fsspec, which decodes none, finds no file; else itself."""
+    path = name.removeprefix("file://").removeprefix("localhost")
+    if "%" not in path or not name.startswith("file://") or "::" in name:
+        return name
+
+    def exists(pattern: str) -> bool:
+        return os.path.lexists(pattern) or any(glob.iglob(pattern, recursive=True))
+
+    decoded = url2pathname(path)
+    return decoded if exists(decoded) and not exists(path) else name
 
 
 def _expanded(arguments: Namespace, names: list[str]) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...inputs.boxes import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
-from ...io.images import read_exif_focal, read_image
+from ...io.images import draw_polygons, read_exif_focal, read_image
 from ...io.lists import AnnotatedObject, read_objects
 from ...jobs.store import JobResult, digest, do_all, key_of
 from ...jobs.worker import cores, local_path
@@ -102,7 +102,7 @@ def _objects(arguments: Namespace) -> tuple[list[AnnotatedObject], list[Path]]:
     if arguments.box or arguments.initial is not None or arguments.mask is not None:
         raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
-    objects = read_objects(arguments.annotations)
+    objects = read_objects(arguments.annotations, photo)
     return objects, [photo / local_name(one.image) for one in objects]
 
 
@@ -173,6 +173,7 @@ class ObjectJob:
         """A hash of what is known of the object, all files, the options, and the code."""
         facts = {
             "files": [digest(path) for path in self.files()],
+            "polygons": self.listed.polygons,
             "request": asdict(replace(self._whole(), **_NO_PART_OF_A_RESULT)),
             "models": [model.name for model in self.models],
             "code": code_key(),
@@ -189,6 +190,8 @@ class ObjectJob:
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
         if request.mask is not None:
             photograph, box = apply_mask(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
+        if self.listed.polygons:
+            photograph, box = apply_mask(photograph, draw_polygons(self.listed.polygons, *photograph.shape[1:]), box)
         lens = read_lens(photo, request.focal, request.principal_point)
         meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
         asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}

@@ -73,6 +73,11 @@ def read(path: Readable, name: str) -> Node:
     except (ValueError, ElementTree.ParseError, RecursionError) as error:
         raise ValueError(f"{file}: expected a FileStorage of OpenCV: {one_line(error)}") from None
     node = nodes.get(name) if name else next(iter(nodes.values()), None)
+    if isinstance(node, Mapping) and "support_vectors" in node:
+        raise ValueError(
+            f"{file}: expected a HOGDescriptor, got an SVM of cv2.ml; if it is linear, write its weights in one array: "
+            "numpy.save('weights.npy', -svm.getSupportVectors()[0]), without the minus for a regression"
+        )
     if not isinstance(node, Mapping) or "winSize" not in node:
         raise ValueError(f"{file}: expected a HOGDescriptor{f' named {one_line(name)!r}' if name else ''}, got none")
     return node
