@@ -15,7 +15,7 @@ _GLUED = re.compile(r"((?:ST)?C?N?(?:ST)?4?n?OFF)(?=[\d-])", re.ASCII)  # ModelN
 
 
 def read_off(text: str) -> Soup:
-    """The triangles of an OFF file, with the colours of its vertices (COFF) or behind its faces.
+    """The triangles of an OFF file, with the colours of its vertices (COFF, or OFF if all have some) or of its faces.
 
     Numbers of colours are in 0…1, or integers in 0…255.  Remarks (#) and empty lines are skipped.  The
     keyword may be left out, and the counts may stand anywhere between it and the first vertex.
@@ -43,7 +43,9 @@ def read_off(text: str) -> Soup:
         raise ValueError("its vertices do not have three coordinates each")
     vertices = np.array([row[:3] for row in rows], dtype=np.float64).reshape(-1, 3)
     last = first + (3 if "S" in letters else 4)
-    vertex_brightness = _read_brightness([row[first:last] for row in rows]) if "C" in letters else None
+    colours_of_vertices = [row[first:last] for row in rows]
+    has_colours = "C" in letters or (not letters and _are_colours(colours_of_vertices))
+    vertex_brightness = _read_brightness(colours_of_vertices) if has_colours else None
     corners, colours = [], []
     for line in lines[vertex_count : vertex_count + face_count]:
         count, *numbers = line.split()
@@ -74,6 +76,11 @@ def _read_counts(lines: list[str]) -> tuple[tuple[int, int], list[str]]:
             alone = len(numbers) == 2 and done and [len(line.split()) for line in lines[done - 1 : done + 2]] == [1] * 3
             return (numbers[0], numbers[1]), lines[done + (2 if alone else 1) :]
     raise ValueError("the numbers of vertices and faces are missing")
+
+
+def _are_colours(rows: list[list[str]]) -> bool:
+    """Whether all vertices of a plain OFF have three or four more numbers, none negative: normals have signs."""
+    return bool(rows) and all(len(row) >= 3 and not any(number.startswith("-") for number in row) for row in rows)
 
 
 def _read_brightness(colours: list[list[str]]) -> Floats:

@@ -99,6 +99,8 @@ class Renderer:
 
     def with_camera(self, camera: Camera) -> Renderer:
         """The same mesh before another camera; what was prepared of the mesh is shared."""
+        if native.available() and self.mesh.vertices.device.type == "cpu":
+            self._native_arguments  # noqa: B018  # computed before they are shared, once for all cameras
         other = copy(self)
         other.camera = check_camera(camera)
         return other

@@ -1,0 +1,74 @@
+"""What people pass to meshes, cameras and renderings: taken as it is meant, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+
+import nablahog.render.renderer as renderer
+from nablahog.render import Camera, Mesh, Renderer, load_mesh, pose, render
+
+CORNERS = [[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.0, 0.0, 0.5]]
+CAMERA = Camera(64.0, 32, 24)
+
+
+def triangle() -> Mesh:
+    return Mesh(CORNERS, [[0, 1, 2]], [0.2, 0.2, 0.2])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
+def test_images_do_not_follow_the_default_dtype(dtype: torch.dtype) -> None:
+    expected = render(triangle(), pose(20), CAMERA)
+    torch.set_default_dtype(dtype)
+    try:
+        image = render(triangle(), pose(20), CAMERA)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert image.dtype == torch.float32
+    assert torch.equal(image, expected)
+
+
+def test_poses_and_meshes_are_on_the_cpu_whatever_the_default_device() -> None:
+    with torch.device("meta"):
+        image = render(triangle(), pose(20), CAMERA)
+    assert torch.equal(image, render(triangle(), pose(20), CAMERA))
+
+
+@pytest.mark.filterwarnings("ignore:.*should not be instantiated:DeprecationWarning")  # of Dynamo itself
+def test_render_in_a_compiled_function() -> None:
+    compiled = torch.compile(lambda at: render(triangle(), at, CAMERA), backend="eager")
+    assert torch.equal(compiled(pose(20)), render(triangle(), pose(20), CAMERA))
+
+
+def test_poses_cannot_be_mapped_over() -> None:
+    with pytest.raises(ValueError, match=r"instead of vmap, one batch \(B, 6\)"):
+        torch.func.vmap(lambda at: render(triangle(), at[None], CAMERA))(pose(20))
+
+
+def test_backgrounds_are_numbers_tensors_and_arrays() -> None:
+    expected = render(triangle(), pose(20), CAMERA, background=0.5)
+    for background in (torch.tensor(0.5), np.array(0.5), np.full((32, 24), 0.5, np.float32)):
+        assert torch.equal(render(triangle(), pose(20), CAMERA, background=background), expected)  # type: ignore[arg-type]
+
+
+def test_planes_of_faces_are_computed_once_for_all_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    planes = Mock(wraps=renderer.face_planes)
+    monkeypatch.setattr(renderer, "face_planes", planes)
+    drawn = Renderer(triangle(), CAMERA)
+    for focal in (50.0, 60.0, 70.0):
+        drawn.with_camera(Camera(focal, 32, 24))(pose(20))
+    assert planes.call_count <= 1
+
+
+def test_colours_of_vertices_under_a_plain_off(tmp_path: Path) -> None:
+    rows = "".join(f"{x} {y} {z} 51 51 51\n" for x, y, z in CORNERS)
+    path = tmp_path / "a.off"
+    path.write_text(f"OFF\n3 1 0\n{rows}3 0 1 2\n")
+    assert_allclose(load_mesh(path).brightness, 0.2)
+    path.write_text(f"OFF\n3 1 0\n{rows.replace('51 51 51', '0 -1 0')}3 0 1 2\n")  # normals
+    assert_allclose(load_mesh(path).brightness, 0.8)
