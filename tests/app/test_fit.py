@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 from starlette.testclient import TestClient
 
+from nablahog.app.fit import Fitting
+
 from .conftest import HOST
 
 FIT = f"ws://{HOST}/api/fit"
@@ -113,3 +115,10 @@ def test_one_shot(client: TestClient) -> None:
     figures = client.post("/api/pose", json={**SCENE, "box": box(client), "initial": [20, 20]}).json()
     assert abs(figures["azimuth"] - TRUE) < 10
     assert figures["settings"]["method"] == "best"
+
+
+def test_no_similarity_is_computed_that_nobody_gets(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Fitting, "similarity", None)
+    asked = {**SCENE, "box": box(client), "initial": [30, 20], "method": "best"}
+    answer = client.post("/api/pose", json=asked)
+    assert answer.status_code == 200, answer.text

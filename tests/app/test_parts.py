@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import re
 import threading
+import time
+import weakref
+from concurrent.futures import ThreadPoolExecutor
 from graphlib import TopologicalSorter
 
 import pytest
 import torch
 
 from nablahog.app import server
+from nablahog.app import store as store_module
 from nablahog.app.messages import RequestError
 from nablahog.app.snippets import FitFiles, write_pose_snippets
-from nablahog.app.store import Photograph, Store
+from nablahog.app.store import MeshEntry, Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
+from nablahog.io.input_file import InputFile
+from nablahog.pose.model import prepared_model, view_correlations
+from nablahog.render import load_mesh
 from nablahog.requests.pose import PoseRequest
+
+TETRAHEDRON = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
 def photograph(side: int) -> Photograph:
@@ -38,6 +48,38 @@ def test_what_is_larger_than_all_is_refused() -> None:
     with pytest.raises(RequestError) as refused:
         Store(b"", most=100).add(photograph(10))
     assert refused.value.status == 413
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_a_mesh_that_is_dropped_is_freed(again: bool) -> None:
+    entries = [MeshEntry("m", load_mesh(InputFile("m.off", TETRAHEDRON))) for _ in range(2)]
+    dropped = weakref.ref(entries[0].mesh)
+    view_correlations(prepared_model(entries[0].mesh), 15.0)
+    store = Store(b"", most=entries[0].nbytes)
+    for number in range(2):
+        store.add(entries.pop(0), b"" if again else bytes([number]))
+    gc.collect()
+    assert dropped() is None
+
+
+def test_a_size_of_a_photograph_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: list[int] = []
+
+    def slow(image: torch.Tensor, side: int) -> torch.Tensor:
+        computed.append(side)
+        time.sleep(0.05)
+        return image[:, :side, :side].clone()
+
+    monkeypatch.setattr(store_module, "limit_size", slow)
+    shared = photograph(100)
+    with ThreadPoolExecutor(3) as threads:
+        images = list(threads.map(shared.shrunk, [8] * 3))
+    assert computed == [8]
+    assert all(image is images[0] for image in images)
+    for side in range(9, 20):
+        shared.shrunk(side)
+    shared.shrunk(8)
+    assert computed.count(8) == 2  # only a few are kept
 
 
 def test_ids_of_one_server_say_nothing_of_another() -> None:

@@ -157,3 +157,15 @@ def test_no_sentence_has_options_of_the_command(client: TestClient) -> None:
         assert "--" not in answer.json()["error"], query
         unasked = content is integers or query == {"key": "left"} or "orientations" in str(query)
         assert (answer.json().get("question") is None) == unasked, query
+
+
+def test_arrays_of_an_archive_are_offered_by_their_whole_names(client: TestClient) -> None:
+    file = io.BytesIO()
+    shapes = {"hog-8": (8, 6, 31), "hog.16": (4, 3, 31)}
+    np.savez(file, **{name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
+    keys = client.post("/api/descriptors?name=d.npz", content=file.getvalue()).json()["question"]["keys"]
+    assert keys == [*shapes]
+    for key in keys:
+        query = {"name": "d.npz", "preset": "uoctti", "key": key}
+        answer = client.post("/api/descriptors", params=query, content=file.getvalue()).json()
+        assert answer["shape"] == [*shapes[key]]

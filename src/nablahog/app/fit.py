@@ -141,22 +141,25 @@ class Fitting:
     def fit(
         self,
         request: PoseRequest,
-        send: Callable[[dict[str, Any]], None],
+        send: Callable[[dict[str, Any]], None] | None,
         cancel: CancelToken,
     ) -> PoseEstimate:
-        """The pose that the search finds; poses on the way are sent as they come."""
+        """The pose that the search finds; poses on the way are sent as they come, if somebody gets them."""
 
         self.chart.steps.clear()
 
         def watch(model: str, pose: Tensor) -> None:
             cancel.check()
+            if send is None:
+                return  # nor is their similarity computed
             value = float(self.similarity.values(pose[None]))
             self.chart.steps.append((float(pose[0]), value))
             send({"type": "step", "pose": _round(pose), "similarity": value})
 
         def progress(done: int, total: int, what: str) -> None:
             cancel.check()
-            send({"type": "progress", "done": done, "total": total, "what": what})
+            if send is not None:
+                send({"type": "progress", "done": done, "total": total, "what": what})
 
         with as_request_error():
             return estimate_pose(

@@ -141,7 +141,7 @@ class Server:
 
         def fitted(cancel: CancelToken) -> dict[str, Any]:
             fitting = Fitting.open(message, self.store)
-            return fitting.figures(fitting.fit(message, lambda _: None, cancel), message)
+            return fitting.figures(fitting.fit(message, None, cancel), message)
 
         return await self._json(request, self.long, fitted)
 

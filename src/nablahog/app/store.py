@@ -9,9 +9,8 @@ import hashlib
 import io
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -25,6 +24,7 @@ from ..io.dpm_file import is_dpm_file
 from ..io.images import limit_size, read_exif_focal, read_image
 from ..io.input_file import InputFile
 from ..io.pixels import prepare_pillow
+from ..pose.vote import forget_models
 from ..render import Mesh, load_mesh
 from ..requests.arrays import read_stored
 from ..requests.dialect import as_text
@@ -47,18 +47,25 @@ ARRAYS = (".npy", ".npz", ".mat")
 class Photograph:
     """A photograph (C, H, W), float32 in 0…1, with the name of its file.
 
-    The box is that of an object in it, the focal length that of the file, in pixels; None if unknown.  ``shrunk`` gives
-    the image with at most so many pixels on its longer side.
+    The box is that of an object in it, the focal length that of the file, in pixels; None if unknown.
     """
 
     name: str
     image: Tensor
     box: tuple[float, ...] | None = None
     focal: float | None = None
-    shrunk: Callable[[int], Tensor] = field(init=False, repr=False)
+    _smaller: OrderedDict[int, Tensor] = field(default_factory=OrderedDict, init=False, repr=False)
+    _lock: Lock = field(default_factory=Lock, init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        self.shrunk = lru_cache(MOST_SMALLER_SIZES)(partial(limit_size, self.image))
+    def shrunk(self, side: int) -> Tensor:
+        """The image with at most so many pixels on its longer side; of threads that ask at once, one computes it."""
+        with self._lock:
+            if side not in self._smaller:
+                self._smaller[side] = limit_size(self.image, side)
+            self._smaller.move_to_end(side)
+            if len(self._smaller) > MOST_SMALLER_SIZES:
+                self._smaller.popitem(last=False)
+            return self._smaller[side]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -145,10 +152,12 @@ class Store:
             digest.update(len(part).to_bytes(8, "big") + part)
         key = digest.hexdigest()[:24]
         with self._lock:
+            dropped = [self._items.pop(key, None)]
             self._items[key] = item
-            self._items.move_to_end(key)
             while self.nbytes > self._most:
-                self._items.popitem(last=False)
+                dropped.append(self._items.popitem(last=False)[1])
+        if any(isinstance(entry, MeshEntry) for entry in dropped):
+            forget_models()  # else their meshes and renderers would stay in memory
         return key
 
     def get(self, key: str, kind: type[Item]) -> Item:

@@ -170,6 +170,12 @@ def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
     return views.flatten(1) @ coarse_whitener()(views).flatten(1).T
 
 
+def forget_views() -> None:
+    """Empties the caches of this module, which hold models with their renderers and views."""
+    for cached in (prepared_model, _read_views, view_correlations):
+        cached.cache_clear()
+
+
 def equidistant_azimuths(count: int, first: float = 0.0) -> Tensor:
     """All around, (count,), float64, degrees."""
     return first + torch.arange(count, dtype=torch.float64) * (360 / count)

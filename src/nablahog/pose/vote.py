@@ -25,6 +25,7 @@ from .model import (
     azimuth_distance,
     equidistant_azimuths,
     fit_to_box,
+    forget_views,
     level_poses,
     signed_angles,
     view_descriptors,
@@ -261,3 +262,9 @@ def confidence(similarity: float, rival: float, lead: float, agreement: float, *
     logit = constant + explained + rival_weight * rival + agreement_weight * agreement
     fits = 1 / (1 + math.exp(-logit))
     return min(fits, 1 / (1 + math.exp(-lead / _LEAD_SCALE))) if known_model else fits
+
+
+def forget_models() -> None:
+    """Empties the caches of what is prepared of models; each is made again when it is needed."""
+    forget_views()
+    _right_share.cache_clear()
