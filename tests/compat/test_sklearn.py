@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from PIL import Image
 from sklearn.base import clone
 from sklearn.datasets import load_digits
 from sklearn.pipeline import make_pipeline
@@ -54,3 +55,12 @@ def test_other_images_are_refused() -> None:
         HOGTransformer().fit(np.zeros((3, 16)))
     with pytest.raises(ValueError, match=r"^rows of images of 8x8 pixels .*, got 63 numbers$"):
         HOGTransformer(image_size=(8, 8)).fit(np.zeros((2, 63)))
+
+
+def test_lists_are_described_as_their_images() -> None:
+    images = (np.random.default_rng(0).random((2, 24, 32, 3)) * 255).astype(np.uint8)
+    expected = HOGTransformer().fit_transform(images)
+    np.testing.assert_array_equal(HOGTransformer().fit_transform(list(images)), expected)
+    np.testing.assert_array_equal(HOGTransformer().fit_transform([Image.fromarray(x) for x in images]), expected)
+    with pytest.raises(ValueError, match="masks some"):
+        HOGTransformer().fit(np.ma.masked_equal(images, images.max()))

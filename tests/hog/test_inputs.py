@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from nablahog import HOG, HOGSpec, from_layout, hog, presets, to_layout
+from nablahog import HOG, HOGSpec, from_layout, hog, presets, stream, to_layout
+from nablahog.hog.box import cell_centres
 
 SPEC = presets.uoctti(cell_size=8)
 
@@ -97,6 +98,22 @@ def test_pil_images_are_described_upright_and_over_white() -> None:
     over_white = np.where(alpha == 0, 255, levels)
     clear = Image.merge("LA", [Image.fromarray(levels), Image.fromarray(alpha)])
     np.testing.assert_allclose(hog(clear, SPEC), hog(over_white, SPEC), atol=1e-6)
+
+
+def test_sizes_are_checked_where_they_come_in() -> None:
+    assert presets.opencv(block_size=16) == presets.opencv()  # type: ignore[arg-type]
+    for size in ((16.5, 24), (16, 24, 3), 16):
+        with pytest.raises(ValueError, match=r"^image_size must be a pair"):
+            cell_centres(SPEC, size)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^cell_size must be a pair \(width, height\)"):
+        presets.opencv(cell_size=(0, 8))
+
+
+def test_what_is_masked_is_not_streamed() -> None:
+    image = np.ma.array(photograph((16, 24)))
+    image[3, 4] = np.ma.masked
+    with pytest.raises(ValueError, match="masks some"):
+        list(stream(image, SPEC))
 
 
 def test_pil_images_of_16_bits() -> None:

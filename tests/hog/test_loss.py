@@ -70,3 +70,7 @@ def test_refuses() -> None:
         for pair in ((TARGETS, other), (other, TARGETS)):
             with pytest.raises(ValueError, match=r"must be tensors \(B, C, H, W\) of one shape, got .* and "):
                 HOGLoss("uoctti")(*pair)
+
+
+def test_empty_batches() -> None:
+    assert HOGLoss("uoctti", reduction="none")(TARGETS[:0], TARGETS[:0]).shape == (0,)

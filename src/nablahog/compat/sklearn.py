@@ -12,6 +12,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from ..hog.descriptor import hog
 from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import check_unmasked
+from ..inputs.numbers import as_size
+from ..inputs.pil_images import is_pil, pil_pixels
 
 __all__ = ["HOGTransformer"]
 
@@ -63,6 +66,13 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         return np.array([f"hog{k}" for k in range(self.n_features_out_)], dtype=object)
 
     def _images(self, X: ArrayLike, reset: bool) -> NDArray[Any]:
+        if is_pil(X):
+            raise TypeError("X must be a batch of images, got a PIL image: write [image]")
+        if isinstance(X, list | tuple):  # scikit-learn makes floats of them
+            X = np.asarray([pil_pixels("X", x) if is_pil(x) else x for x in X])
+        check_unmasked("X", X)
+        if getattr(getattr(X, "dtype", None), "kind", "f") in ("U", "S"):
+            raise TypeError("X must hold real numbers, got strings: write X.astype(float)")
         numbers = [np.float64, np.float32, np.uint8]  # the first for all others
         values: NDArray[Any] = validate_data(self, X, dtype=numbers, allow_nd=self.image_size is None, reset=reset)
         return self._arranged(values)
@@ -75,7 +85,7 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
                     f"images must be (N, H, W) or (N, H, W, C), or rows with an image_size, got {values.shape}"
                 )
             return values if values.ndim == 4 else values[..., None]
-        (height, width), (count, features) = self.image_size, values.shape
+        (height, width), (count, features) = as_size("image_size", self.image_size), values.shape
         if features not in (height * width, 3 * height * width):
             raise ValueError(
                 f"rows of images of {height}x{width} pixels must have 1 or 3 numbers a pixel, got {features} numbers"

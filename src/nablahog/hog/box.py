@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inputs.boxes import Box, as_box
+from ..inputs.numbers import as_size
 from .spec import HOGSpec
 
 
@@ -25,7 +26,7 @@ def cell_centres(spec: HOGSpec, image_size: tuple[int, int]) -> tuple[NDArray[np
         ValueError: the image has no descriptor.
     """
     centres = []
-    for axis, count in enumerate(spec.grid(*image_size)):
+    for axis, count in enumerate(spec.grid(*as_size("image_size", image_size))):
         first, step, side = _spacing(spec, axis)
         centres.append(first + step * np.arange(count, dtype=np.float64) + (side - 1) / 2)
     y, x = centres
@@ -49,6 +50,7 @@ def pixel_box(spec: HOGSpec, image_size: tuple[int, int], cells: Sequence[float]
     Raises:
         ValueError: the window is empty or not within the descriptor.
     """
+    image_size = as_size("image_size", image_size)
     rows, cols = spec.grid(*image_size)
     x0, y0, x1, y1 = as_box("cells", cells)
     spans = []

@@ -37,7 +37,8 @@ def check_fields(part: Any, *unchecked: str) -> None:
 def _find_check(kind: Any) -> Callable[[str, object], Any] | None:
     if get_origin(kind) is Literal:
         return partial(check_choice, choices=kind)
-    return {bool: as_truth, float: check_positive, tuple[int, int]: as_size}.get(kind)
+    checks: dict[Any, Callable[[str, object], Any]] = {bool: as_truth, float: check_positive, tuple[int, int]: as_size}
+    return checks.get(kind)
 
 
 def check_positive(field: str, value: object) -> None:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 
-import numpy as np
 from torch import Tensor
 
+from ..inputs.images import warn_about_levels
 from ..inputs.numbers import shortened
 from ..runtime.text import did_you_mean
 from . import presets
 from .spec import COLOURS, HOGSpec
 
-SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
-FEW_VALUES = 2**12  # values that are all looked at
-RANGE_OVERSHOOT = 1.0  # above white; filters overshoot by less
 _CALLER = 4  # frames up: this file's two, the operator, and the line that called it
 
 DEFAULT_SPECS: dict[str, HOGSpec] = {name: getattr(presets, name)() for name in presets.__all__}
@@ -56,24 +52,7 @@ def warn_about_range(images: Tensor, spec: HOGSpec) -> None:
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
-    if images.is_cpu and images.is_floating_point() and 1 + RANGE_OVERSHOOT < _largest_value(images) < math.inf:
-        _warn(
-            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
-            "uint8, and pass images of a network as they were before their mean was subtracted"
-        )
-
-
-def _largest_value(images: Tensor) -> float:
-    """Of some rows and columns of large images; 0 if values are not known.  Of centred images it tells enough."""
-    values = images.detach()
-    try:
-        if values.numel() <= FEW_VALUES:
-            return values.max().item() if values.numel() else 0
-        spacing = min(SAMPLE_SPACING, min(values.shape[2:]) // SAMPLE_SPACING) or 1
-        # NumPy is faster with slices, and wakes no threads
-        return float(np.maximum.reduce(values.numpy()[..., ::spacing, ::spacing], axis=None))
-    except RuntimeError:  # tensors of torch.func's transforms have no storage
-        return 0
+    warn_about_levels(images, stacklevel=_CALLER)
 
 
 def _warn(text: str) -> None:

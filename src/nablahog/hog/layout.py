@@ -8,6 +8,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from ..inputs.arrays import Descriptors, as_descriptors, to_array
+from ..inputs.numbers import as_size
 from .inputs import as_spec
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec
@@ -112,6 +113,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
     (15, 7, 36)
     """
     spec = as_spec(spec)
+    image_size = as_size("image_size", image_size)
     rows, cols = spec.grid(*image_size)
     sizes, order, expected = _arrangement(spec, rows, cols)
     if not isinstance(native, Tensor):

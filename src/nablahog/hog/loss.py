@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, TypeAlias
 
 import torch
@@ -58,7 +59,8 @@ class HOGLoss(nn.Module):
             )
         descriptors, expected = (hog(x.float() if x.dtype in HALVES else x, self.spec) for x in pair)
         size = expected.square().sum((1, 2, 3))
-        losses = (descriptors - expected).square().sum((1, 2, 3)) / torch.where(size > 0, size, expected[0].numel())
+        scale = torch.where(size > 0, size, math.prod(expected.shape[1:]))
+        losses = (descriptors - expected).square().sum((1, 2, 3)) / scale
         return losses if self.reduction == "none" else getattr(losses, self.reduction)()
 
     def extra_repr(self) -> str:

@@ -12,6 +12,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ..inputs.arrays import check_unmasked
+from ..inputs.numbers import as_integer
 from ..inputs.pil_images import is_pil, pil_pixels
 from ..runtime.text import describe_type
 from .descriptor import histograms, normalize
@@ -80,8 +82,9 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTE
 
     Raises:
         TypeError: ``image`` has no shape, dtype and rows, or another dtype.
-        ValueError: it has another shape, or is smaller than one cell; ``memory`` is not a positive integer; there is
-            no such preset; or rows that are read do not have its shape.
+        ValueError: it has another shape, or is smaller than one cell; it masks some
+            pixels; ``memory`` is not a positive integer; there is no such preset; or rows that are read do not have its
+            shape.
 
     >>> image, spec = np.zeros((640, 64), np.uint8), nablahog.presets.uoctti()
     >>> descriptor = np.empty((*spec.grid(640, 64), spec.channels), np.float32)
@@ -92,8 +95,7 @@ def stream(image: Rows | Image, spec: HOGSpec | str, *, memory: int = STRIP_BYTE
     """
     spec = as_spec(spec)
     reader = _Reader(pil_pixels("image", image) if is_pil(image) else image, spec)  # type: ignore[arg-type]
-    if not isinstance(memory, int | np.integer) or memory < 1:
-        raise ValueError(f"memory must be a positive integer, in bytes, got {memory!r}")
+    memory = as_integer("memory", memory)
     height, width, _ = reader.shape
     double = reader.stored == np.float64 or (reader.stored == np.uint8 and torch.get_default_dtype() == torch.float64)
     strips = Strips(spec, height, width, torch.float64 if double else torch.float32)
@@ -128,7 +130,9 @@ class _Reader:
 
     def __call__(self, start: int, stop: int) -> Tensor:
         """Rows ``start`` … ``stop`` - 1, (1, C, rows, W)."""
-        part = np.array(self._image[start:stop])
+        read = self._image[start:stop]
+        check_unmasked("image", read)
+        part = np.array(read)
         if part.shape != (stop - start, *self._shape[1:]) or part.dtype.newbyteorder("=") != self.stored:
             raise ValueError(
                 f"rows {start} … {stop - 1} of an image of shape {self._shape} and dtype {self.stored} came with shape "

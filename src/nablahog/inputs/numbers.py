@@ -72,21 +72,21 @@ def as_numbers(name: str, value: object, of_what: str) -> tuple[float, ...]:
     return tuple(map(float, plain))
 
 
-def as_size(name: str, value: object) -> tuple[int, int]:
-    """Height and width, integers in 1 … :data:`LONGEST_SIDE`."""
+def as_size(name: str, value: object, axes: str = "height, width") -> tuple[int, int]:
+    """Height and width, or both sides as ``axes`` orders them, integers in 1 … :data:`LONGEST_SIDE`."""
     plain = as_plain(value)
     if not isinstance(plain, tuple) or len(plain) != 2 or not all(map(_is_side, plain)):
         raise ValueError(
-            f"{name} must be a pair (height, width) of integers in 1 … {LONGEST_SIDE:,}, "
+            f"{name} must be a pair ({axes}) of integers in 1 … {LONGEST_SIDE:,}, "
             f"got {shortened(value)}{_advise_on_size(plain)}"
         )
     return plain
 
 
-def as_square_or_size(name: str, value: object) -> tuple[int, int]:
-    """One number for both sides, or height and width, integers in 1 … :data:`LONGEST_SIDE`."""
+def as_square_or_size(name: str, value: object, axes: str = "height, width") -> tuple[int, int]:
+    """One number for both sides, or both as ``axes`` orders them, integers in 1 … :data:`LONGEST_SIDE`."""
     plain = as_plain(value)
-    return as_size(name, plain if isinstance(plain, tuple) else (plain, plain))
+    return as_size(name, plain if isinstance(plain, tuple) else (plain, plain), axes)
 
 
 def _is_side(value: object) -> bool:

@@ -193,11 +193,12 @@ def opencv(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (15, 7), 36)
     """
-    block, step, cell = ((h, w) for w, h in (block_size, block_stride, cell_size))
-    for (window, b, s, c), axis in zip(
-        zip(win_size, block_size, block_stride, cell_size, strict=True), ("width", "height"), strict=True
-    ):
-        if min(window, b, s, c) < 1 or b > window or (window - b) % s or b % c:
+    sizes = {"win_size": win_size, "block_size": block_size, "block_stride": block_stride, "cell_size": cell_size}
+    all_window, block, step, cell = (
+        as_square_or_size(name, size, "width, height")[::-1] for name, size in sizes.items()
+    )
+    for window, b, s, c, axis in zip(all_window, block, step, cell, ("height", "width"), strict=True):
+        if b > window or (window - b) % s or b % c:
             raise ValueError(
                 f"along the {axis}, a block must be whole cells, and the window a block and whole strides, got a "
                 f"window of {window}, a block of {b}, a stride of {s} and a cell of {c} pixels"
