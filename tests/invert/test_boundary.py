@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from nablahog import hog, reconstruct, reconstruct_multiscale, train_prior
+from nablahog import (
+    hog,
+    reconstruct,
+    reconstruct_multiscale,
+    save_descriptor,
+    template_descriptor,
+    train_prior,
+)
 from nablahog.invert import AsPublished, Search
 
 IMAGE = torch.nn.functional.avg_pool2d(torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0)), 5, 1, 2)
@@ -40,3 +49,39 @@ def test_another_default_dtype_trains_the_same_prior(other_default: torch.dtype)
     torch.set_default_dtype(other_default)
     assert torch.equal(train_prior(images, "uoctti", epochs=1).weights, expected)
     assert torch.get_default_dtype() == other_default
+
+
+@pytest.mark.parametrize("size", [(32.5, 32), (32, 32, 3), (), 32, "32x32"])
+def test_what_is_no_size_is_refused_by_every_function(size: object, tmp_path: Path) -> None:
+    descriptor = hog(IMAGE[..., :32, :32], "uoctti")
+    calls = [
+        lambda: reconstruct(descriptor, "uoctti", size),
+        lambda: reconstruct_multiscale(descriptor, "uoctti", size, scales=(4, 1)),
+        lambda: template_descriptor(descriptor, "uoctti", size),
+        lambda: save_descriptor(tmp_path / "x.npz", descriptor[0], "uoctti", size),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match=r"image_size must be a pair \(height, width\) of integers"):
+            call()
+    assert not (tmp_path / "x.npz").exists()
+
+
+def test_sizes_are_arrays_and_tensors_too(tmp_path: Path) -> None:
+    descriptor = hog(IMAGE[..., :32, :32], "uoctti")
+    for size in (np.array([32, 32]), torch.tensor([32, 32])):
+        assert torch.equal(template_descriptor(descriptor, "uoctti", size), template_descriptor(descriptor, "uoctti"))
+        levels = reconstruct_multiscale(descriptor, "uoctti", size, scales=(4, 1), search=Search(max_evaluations=4))
+        assert levels[-1].reconstruction.image.shape == (1, 1, 32, 32)
+        save_descriptor(tmp_path / "x.npz", descriptor[0], "uoctti", size)
+
+
+def test_halves_are_no_seeds_evaluations_or_weights() -> None:
+    descriptor = hog(IMAGE, "uoctti")
+    with pytest.raises(ValueError, match="seed must be an integer"):
+        reconstruct(descriptor, "uoctti", seed=1.5)
+    with pytest.raises(ValueError, match="max_evaluations must be an integer"):
+        Search(max_evaluations=10.5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"float32 or float64 tensor.*write weights\.float\(\)"):
+        template_descriptor(descriptor.half(), "uoctti")
+    with pytest.raises(ValueError, match="expected is an option of the default method"):
+        reconstruct(descriptor.numpy(), "uoctti", method="paper", expected=np.zeros((64, 64)))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import as_descriptors
 from ..inputs.images import ArrayImage, as_images
-from ..inputs.numbers import check_choice, shortened
+from ..inputs.numbers import as_integer, as_number, as_size, check_choice
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .prior.terms import Prior
@@ -23,16 +20,12 @@ from .prior.terms import Prior
 LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that its fourth power does not overflow
 
 
-def descriptors_as_tensor(descriptor: Tensor | NDArray[Any]) -> Tensor:
-    """Descriptors (B, rows, cols, channels); an array (rows, cols, channels) is a batch of one."""
-    return as_descriptors("the descriptor", descriptor)[0]
-
-
 def check_floats(name: str, tensor: object) -> None:
     """Raises TypeError unless ``tensor`` is one of float32 or float64."""
     got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
     if got not in (torch.float32, torch.float64):
-        raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}")
+        write = f": write {name.split()[-1]}.float()" if isinstance(tensor, Tensor) else ""
+        raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}{write}")
 
 
 def check_finite(name: str, tensor: Tensor) -> None:
@@ -56,7 +49,7 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     check_floats("the descriptor", descriptor)
     check_axes("the descriptor", descriptor)
     rows, cols, channels = descriptor.shape[1:]
-    height, width = check_size(spec.image_size(rows, cols) if image_size is None else image_size)
+    height, width = spec.image_size(rows, cols) if image_size is None else as_size("image_size", image_size)
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
         raise ValueError(
@@ -70,13 +63,9 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     return height, width
 
 
-def check_size(image_size: object) -> tuple[int, int]:
-    """A height and width; ValueError for anything else."""
-    with suppress(TypeError, ValueError):
-        height, width = map(operator.index, image_size)  # type: ignore[call-overload]
-        if min(height, width) > 0:
-            return height, width
-    raise ValueError(f"image_size must be (height, width), two integers of at least 1, got {shortened(image_size)}")
+def as_seed(seed: object) -> int:
+    """A seed of PyTorch's generators."""
+    return as_integer("seed", seed, -(2**63), 2**64 - 1)
 
 
 def check_images(
@@ -145,10 +134,9 @@ class Search:
 
     def __post_init__(self) -> None:
         check_choice("minimiser", self.minimiser, Minimiser)
-        if self.max_evaluations is not None and self.max_evaluations < 2:
-            raise ValueError(f"max_evaluations must be at least 2, got {self.max_evaluations}")
-        if self.samples is not None and self.samples < 1:
-            raise ValueError(f"samples must be at least 1, got {self.samples}")
+        for name, least in (("max_evaluations", 2), ("samples", 1)):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_integer(name, getattr(self, name), least))
 
 
 @dataclass(frozen=True)
@@ -182,9 +170,9 @@ class Objective:
     priors: Sequence[Prior] = ()
 
     def __post_init__(self) -> None:
-        for name, value in (("smoothness", self.smoothness), ("closeness", self.closeness)):
-            if value is not None and not 0 <= value < float("inf"):
-                raise ValueError(f"{name} must be a finite number of at least 0, got {value}")
+        for name in ("smoothness", "closeness"):
+            if name == "smoothness" or self.closeness is not None:
+                object.__setattr__(self, name, as_number(name, getattr(self, name), 0))
         if not isinstance(self.priors, Sequence) or not all(isinstance(prior, Prior) for prior in self.priors):
             raise TypeError(f"priors must be a list of Prior objects, got {self.priors!r}")
         object.__setattr__(self, "priors", tuple(self.priors))
@@ -223,12 +211,13 @@ class AsPublished:
     keep_iterates: bool = False
 
     def __post_init__(self) -> None:
-        if self.smoothness is not None and not 0 < self.smoothness < float("inf"):
-            raise ValueError(f"smoothness must be a finite number above 0, got {self.smoothness}")
-        if self.iterations < 1:
-            raise ValueError(f"iterations must be at least 1, got {self.iterations}")
-        if self.max_evaluations is not None and self.max_evaluations < 2:
-            raise ValueError(f"max_evaluations must be at least 2, got {self.max_evaluations}")
+        if self.smoothness is not None:
+            object.__setattr__(self, "smoothness", as_number("smoothness", self.smoothness))
+            if self.smoothness <= 0:
+                raise ValueError(f"smoothness must be a finite number above 0, got {self.smoothness:g}")
+        object.__setattr__(self, "iterations", as_integer("iterations", self.iterations))
+        if self.max_evaluations is not None:
+            object.__setattr__(self, "max_evaluations", as_integer("max_evaluations", self.max_evaluations, 2))
 
 
 def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:
@@ -239,6 +228,6 @@ def as_published(method: InversionMethod | AsPublished, **options: tuple[object,
             return None
         method = AsPublished()
     for name, (value, default) in options.items():
-        if value is not default and value != default:
+        if isinstance(value, Tensor | np.ndarray) or (value is not default and value != default):
             raise ValueError(f"{name} is an option of the default method; the paper's search does not take it")
     return method

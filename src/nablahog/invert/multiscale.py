@@ -19,16 +19,17 @@ from torch.nn.functional import avg_pool2d
 from ..hog.descriptor import hog
 from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import Descriptors
+from ..inputs.arrays import Descriptors, as_descriptors
+from ..inputs.numbers import as_integer, as_plain, as_size
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,
     Objective,
     Search,
     as_published,
+    as_seed,
     check_descriptor,
     check_images,
-    descriptors_as_tensor,
     find_quality,
 )
 from .choices import InversionMethod
@@ -152,10 +153,11 @@ def reconstruct_multiscale(
     >>> [tuple(level.reconstruction.image.shape) for level in levels]
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
-    spec = as_spec(spec)
+    spec, seed = as_spec(spec), as_seed(seed)
+    scales = [as_integer("a scale", scale) for scale in as_plain(scales)]
     same_descriptor = isinstance(descriptors, Tensor | np.ndarray)
     inputs = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
-    targets = [descriptors_as_tensor(descriptor) for descriptor in inputs]
+    targets = [as_descriptors("the descriptor", descriptor)[0] for descriptor in inputs]
     published = as_published(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
     )
@@ -231,7 +233,7 @@ def _choose_level_settings(
         best = find_quality("best")
         most = best.evaluations if spec.signed else best.without_samples
     # the grid is the same at each level
-    size = (image_size[0], image_size[1]) if image_size else check_descriptor(descriptors[-1], spec, None)
+    size = check_descriptor(descriptors[-1], spec, None) if image_size is None else as_size("image_size", image_size)
     settings: list[_LevelSettings] = []
     for scale, descriptor in zip(scales, descriptors, strict=True):
         small, small_size = level_spec(spec, scale, size)

@@ -16,7 +16,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import Descriptors
+from ..inputs.arrays import Descriptors, as_descriptors
 from ..inputs.images import ArrayImage
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
@@ -24,9 +24,9 @@ from .arguments import (
     Objective,
     Search,
     as_published,
+    as_seed,
     check_descriptor,
     check_images,
-    descriptors_as_tensor,
     find_quality,
 )
 from .choices import InversionMethod, QualityName
@@ -131,7 +131,8 @@ def reconstruct(
     >>> nablahog.reconstruct(descriptor[0].numpy(), spec, (32, 32), quality="fast").image.shape  # an array
     (32, 32)
     """
-    spec, targets = as_spec(spec), descriptors_as_tensor(descriptor)
+    spec, seed = as_spec(spec), as_seed(seed)
+    targets, _ = as_descriptors("the descriptor", descriptor)
     size = check_descriptor(targets, spec, image_size)
     published = as_published(
         method,

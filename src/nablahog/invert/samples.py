@@ -10,8 +10,9 @@ from torch import Tensor
 
 from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
+from ..inputs.numbers import as_integer
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, check_descriptor
+from .arguments import Objective, Search, as_seed, check_descriptor
 from .choices import QualityName
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, as_priors
@@ -71,9 +72,7 @@ def reconstruct_samples(
     >>> samples.image.shape, samples.agreement.shape
     (torch.Size([1, 2, 1, 64, 64]), torch.Size([1]))
     """
-    if count < 2:
-        raise ValueError(f"expected at least 2 samples, got {count}")
-    spec = as_spec(spec)
+    count, seed, spec = as_integer("count", count, 2), as_seed(seed), as_spec(spec)
     learned = as_priors(prior, spec)
     if learned is None:
         raise TypeError("prior must be a LearnedPrior, a list of these or 'default', got None")

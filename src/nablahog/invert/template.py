@@ -17,9 +17,10 @@ from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
-from ..inputs.arrays import Descriptors, to_array
+from ..inputs.arrays import Descriptors, as_descriptors, to_array
+from ..inputs.numbers import as_size
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, check_axes, check_finite, descriptors_as_tensor
+from .arguments import Objective, Search, check_axes, check_finite, check_floats
 from .histograms import linear_vote_spec, set_nominal_contrast
 from .preimage import reconstruct
 from .reconstruction import Reconstruction, convert_like, relative_distance, scale_progress, to_unit_range
@@ -57,9 +58,11 @@ def template_descriptor(
     torch.Size([1, 1, 32, 32])
     """
     dialect: HOGSpec = as_spec(spec)
-    templates = descriptors_as_tensor(weights)
+    templates, is_single = as_descriptors("the weights", weights)
+    check_floats("the weights", templates)
     check_axes("the weights", templates)
-    size: tuple[int, int] = image_size or dialect.image_size(*templates.shape[1:3])
+    whole_cells = dialect.image_size(*templates.shape[1:3])
+    size: tuple[int, int] = whole_cells if image_size is None else as_size("image_size", image_size)
     expected = (*dialect.grid(*size), dialect.channels)
     if tuple(templates.shape[1:]) != expected:
         raise ValueError(
@@ -78,7 +81,7 @@ def template_descriptor(
     histograms = alignment.restore(alignment(histograms)).repeat(1, dialect.colours, 1, 1)
     descriptor = normalize_reference(set_nominal_contrast(histograms, dialect, size), dialect)
     descriptor = descriptor.permute(0, 2, 3, 1).contiguous()
-    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, weights.ndim == 3)
+    return descriptor if isinstance(weights, Tensor) else to_array(descriptor, is_single)
 
 
 @in_plain_mode
@@ -115,7 +118,7 @@ def reconstruct_template(
     torch.Size([1, 1, 32, 32])
     """
     spec = as_spec(spec)
-    descriptor = descriptors_as_tensor(template_descriptor(weights, spec, image_size, negative=negative))
+    descriptor, _ = as_descriptors("the weights", template_descriptor(weights, spec, image_size, negative=negative))
     signed = linear_vote_spec(spec).signed
     count = 1 if signed else TEMPLATE_SAMPLES
     results = [

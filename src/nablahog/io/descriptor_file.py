@@ -20,6 +20,7 @@ from ..hog.inputs import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
 from ..inputs.arrays import as_descriptors
+from ..inputs.numbers import as_size
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
@@ -112,9 +113,8 @@ def save_descriptor(
     """
     spec = as_spec(spec)
     tensor, is_single = as_descriptors("the descriptor", descriptor)
-    stored = StoredDescriptor(
-        (tensor[0] if is_single else tensor).detach().cpu(), spec, (int(image_size[0]), int(image_size[1]))
-    )
+    values = (tensor[0] if is_single else tensor).detach().cpu().resolve_neg()
+    stored = StoredDescriptor(values, spec, as_size("image_size", image_size))
     arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}
     write_arrays(path, FORMAT, arrays, compressed=True)
 
