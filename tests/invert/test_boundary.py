@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from nablahog import (
     template_descriptor,
     train_prior,
 )
-from nablahog.invert import AsPublished, Search
+from nablahog.invert import AsPublished, Search, default_prior
 
 IMAGE = torch.nn.functional.avg_pool2d(torch.rand(1, 1, 64, 64, generator=torch.Generator().manual_seed(0)), 5, 1, 2)
 FEW = Search(max_evaluations=20)
@@ -85,3 +86,15 @@ def test_halves_are_no_seeds_evaluations_or_weights() -> None:
         template_descriptor(descriptor.half(), "uoctti")
     with pytest.raises(ValueError, match="expected is an option of the default method"):
         reconstruct(descriptor.numpy(), "uoctti", method="paper", expected=np.zeros((64, 64)))
+
+
+def test_samples_in_several_threads_are_those_of_one() -> None:
+    descriptor, prior = hog(IMAGE, "paper"), default_prior("paper")
+
+    def draw(seed: int) -> torch.Tensor:
+        return prior.samples(descriptor, "paper", (64, 64), 2, seed=seed)
+
+    expected = [draw(seed) for seed in range(4)]
+    assert not torch.equal(expected[0], expected[1])
+    with ThreadPoolExecutor(3) as pool:
+        assert all(map(torch.equal, pool.map(draw, range(4)), expected))

@@ -22,7 +22,6 @@ from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, gelu, interpolate, pixel_shuffle, pixel_unshuffle
 
 from ...hog.spec import HOGSpec
-from ...runtime.pytorch import seeded
 from ..histograms import rebin_cells
 from .signed_network import Architecture, PriorNetwork, ResidualBlock, set_to_zero
 
@@ -115,6 +114,19 @@ class _Polarity(nn.Module):
         return odds.squeeze(1).float()
 
 
+class _Draw(nn.Module):
+    """A layer of dropout whose random numbers are those of a generator of its own, not of all threads."""
+
+    def __init__(self, layer: nn.Dropout | nn.Dropout2d, generator: torch.Generator) -> None:
+        super().__init__()
+        self.channels_only = isinstance(layer, nn.Dropout2d)
+        self.generator = generator
+
+    def forward(self, x: Tensor) -> Tensor:
+        mask = torch.empty_like(x[:, :, :1, :1] if self.channels_only else x)
+        return x * mask.bernoulli_(1 - SAMPLE_DROPOUT, generator=self.generator).div_(1 - SAMPLE_DROPOUT)
+
+
 class LargestCells(NamedTuple):
     """Histograms (B, 9, R, C) of the cells seen first, and the prediction for them, (B, 1, 2R, 2C), up to its sign."""
 
@@ -187,16 +199,16 @@ class UnsignedNetwork(PriorNetwork):
 
     def _draw(self, inputs: Tensor, count: int, seed: int) -> Tensor:
         """Images (count, 1, 2R, 2C) for histograms (1, 9, R, C) of a descriptor, each with other channels dropped."""
-        network = copy.deepcopy(self)
-        for layer in network.modules():
+        network, generator = copy.deepcopy(self), torch.Generator(inputs.device).manual_seed(seed)
+        for name, layer in list(network.named_modules()):
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
-                layer.train().p = SAMPLE_DROPOUT
-        with seeded(seed):
-            inputs = inputs.expand(count, -1, -1, -1)
-            largest = network.largest_cells(inputs)
-            regions = network.predict_regions(inputs, largest)
-            likely = torch.sigmoid(self.log_odds(regions, largest))
-            is_positive = (torch.rand_like(likely) < likely).reshape(-1, 1, 1, 1)
+                network.set_submodule(name, _Draw(layer, generator))
+        inputs = inputs.expand(count, -1, -1, -1)
+        largest = network.largest_cells(inputs)
+        regions = network.predict_regions(inputs, largest)
+        likely = torch.sigmoid(self.log_odds(regions, largest))
+        chances = torch.empty_like(likely).uniform_(generator=generator)
+        is_positive = (chances < likely).reshape(-1, 1, 1, 1)
         return torch.where(is_positive, regions, -regions)
 
     def polarity_confidence(self, images: Tensor, histograms: Tensor, spec: HOGSpec) -> Tensor:
