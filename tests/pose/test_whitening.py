@@ -90,7 +90,7 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
     ("changes", "message"),
     [
         ({"images": {}}, "expected images to learn from, got none"),
-        ({"order": -1}, "order must be at least 0, got -1"),
+        ({"order": -1}, "order must be an integer of at least 0, got -1"),
         ({"spec": presets.paper(4)}, "a locally normalised descriptor"),
         ({"images": {"low": torch.zeros(19, 50)}}, "low: expected a gray image of at least 20x20 pixels, got 19x50"),
         ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan: the image must be finite"),

@@ -7,7 +7,9 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.descriptor import histograms, normalize
@@ -15,6 +17,8 @@ from ..hog.gradient import gray
 from ..hog.inputs import as_spec
 from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import as_tensor
+from ..inputs.numbers import as_integer
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .whitening import Background, check_spec
 
@@ -33,7 +37,7 @@ def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
 
 
 def learn_background(
-    images: Mapping[str, Tensor],
+    images: Mapping[str, Tensor | NDArray[Any]],
     spec: HOGSpec | str,
     *,
     order: int = ORDER,
@@ -47,7 +51,7 @@ def learn_background(
     all pairs of cells at an offset, without the outermost cells.
 
     Args:
-        images: (H, W) each, float32 in 0…1, by name.
+        images: (H, W) each, float32 in 0…1, tensors or arrays, by name.
         spec: the dialect, or the name of a preset with its defaults; not globally normalised.
         order: the largest offset between cells, at least 0; templates may have one row and column more.
         regularization: see :class:`.whitening.Background`.
@@ -65,15 +69,17 @@ def learn_background(
     """
     spec = as_spec(spec)
     check_spec(spec)
-    if order < 0:
-        raise ValueError(f"order must be at least 0, got {order}")
+    order = as_integer("order", order, 0)
     if not images:
         raise ValueError("expected images to learn from, got none")
-    for name, image in images.items():
+    tensors = {
+        name: as_tensor(name, image) if isinstance(image, np.ndarray) else image for name, image in images.items()
+    }
+    for name, image in tensors.items():
         _check(name, image, least_size(spec, order))
     progress(0, len(images), "")
     sums = torch.zeros((), dtype=torch.float64)
-    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), list(images.values()))
+    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), list(tensors.values()))
     for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
         sums = sums + sums_of_image
         progress(done, len(images), name)
