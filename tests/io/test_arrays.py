@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from nablahog.io import arrays
 from nablahog.io.arrays import (
     LIMIT_VARIABLE,
     MAX_CHARACTERS,
@@ -81,3 +83,9 @@ def test_the_environment_sets_the_limit(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv(LIMIT_VARIABLE, "4 GB")
     with pytest.raises(ValueError, match=r"^NABLAHOG_MAX_BYTES must be a number of bytes, got '4 GB'$"):
         read_arrays(tmp_path / "a.npz", "file", ["x"])
+
+
+def test_a_tensor_of_pytorch_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    torch.save(torch.rand(2, 2, 31), tmp_path / "d.pt")
+    with pytest.raises(ValueError, match=r"numpy\.save"):
+        arrays.read_array(tmp_path / "d.pt", None)
