@@ -42,7 +42,7 @@ def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], m
 
 def test_wide_tables_fit_a_narrow_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Table 1 is the widest; its numbers stay whole, and names are broken at hyphens."""
-    monkeypatch.setattr(terminal, "PIPED", 80)
+    monkeypatch.setattr(terminal, "PIPED_COLUMNS", 80)
     headings = ("CC", "CC\npaper", "|CC|", "MI", "MI\npaper", "SSIM", "SSIM\npaper", "distance", "seconds")
     row = {"method": "paper-dalal-multi-scale-more", "n": 101, **dict.fromkeys(headings, -0.12345)}
     terminal.print_table([row, {**row, "method": "  @1/64"}, {**row, "method": "uoctti-single"}])

@@ -12,11 +12,11 @@ from nablahog.requests.dialect import (
     PRESETS,
     Dialect,
     as_text,
-    defaults_of,
     make_spec,
-    parameters_of,
-    parsed,
-    window_of,
+    opencv_window_size,
+    parse_value,
+    preset_defaults,
+    preset_parameters,
 )
 
 PAIR = tuple[int, int]
@@ -36,9 +36,9 @@ PAIR = tuple[int, int]
     ],
 )
 def test_parsed(text: str, hint: Any, value: Any) -> None:
-    result = parsed(text, hint)
+    result = parse_value(text, hint)
     assert (result, type(result)) == (value, type(value))
-    assert parsed(as_text(value), hint) == value
+    assert parse_value(as_text(value), hint) == value
 
 
 @pytest.mark.parametrize(
@@ -54,22 +54,22 @@ def test_parsed(text: str, hint: Any, value: Any) -> None:
 )
 def test_texts_of_no_such_value(text: str, hint: Any, expected: str) -> None:
     with pytest.raises(ValueError, match=f"expected .*{expected}"):
-        parsed(text, hint)
+        parse_value(text, hint)
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_parameter_of_every_preset_can_be_written(name: str) -> None:
-    defaults = defaults_of(name)
-    assert list(parameters_of(name)) == list(defaults)
+    defaults = preset_defaults(name)
+    assert list(preset_parameters(name)) == list(defaults)
     texts = {key: as_text(value) for key, value in defaults.items()}
     spec = Dialect(name, texts).spec
     assert spec == make_spec(name, {}) == (presets.aubry(8) if name == "aubry" else getattr(presets, name)())
 
 
 def test_windows() -> None:
-    assert window_of("opencv", {}) == (128, 64)
-    assert window_of("opencv", {"win_size": (48, 96)}) == (96, 48)
-    assert window_of("skimage", {}) is None
+    assert opencv_window_size("opencv", {}) == (128, 64)
+    assert opencv_window_size("opencv", {"win_size": (48, 96)}) == (96, 48)
+    assert opencv_window_size("skimage", {}) is None
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def _refusal(name: str, key: str, text: str) -> str | None:
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_any_small_value_is_a_spec_or_a_sentence(name: str) -> None:
-    for key in (*parameters_of(name), "nonsense"):
+    for key in (*preset_parameters(name), "nonsense"):
         for text in ("-1", "0", "2", "3x1", "0.5", "none"):
             refusal = _refusal(name, key, text)
             assert refusal is None or (key in refusal and "\n" not in refusal)

@@ -11,10 +11,10 @@ import pytest
 
 import nablahog
 from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, RequestError, decode
-from nablahog.cli.arguments.options import request_of
+from nablahog.cli.arguments.options import build_request
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest
-from nablahog.requests.options import FLAG, Option, options_of, words
+from nablahog.requests.options import FLAG, Option, list_options, words
 from nablahog.requests.pose import PoseRequest
 
 COMMANDS = {"hog": HogRequest, "glyph": GlyphRequest, "invert": InvertRequest, "pose": PoseRequest}
@@ -48,19 +48,19 @@ def other(option: Option) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("command", "option"), [(command, each) for command, kind in COMMANDS.items() for each in options_of(kind)]
+    ("command", "option"), [(command, each) for command, kind in COMMANDS.items() for each in list_options(kind)]
 )
 def test_options_of_the_command_ask_for_the_same(command: str, option: Option) -> None:
     asked = COMMANDS[command](**{option.name: other(option)})
     arguments = parser().parse_args([command, "photo.png", "-o", "out", *words(asked, COMMANDS[command])])
-    assert request_of(COMMANDS[command], arguments) == asked
+    assert build_request(COMMANDS[command], arguments) == asked
     assert getattr(asked, option.name) != option.default
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_nothing_is_asked_for_by_no_options(command: str) -> None:
     arguments = parser().parse_args([command, "photo.png", "-o", "out"])
-    assert request_of(COMMANDS[command], arguments) == COMMANDS[command]()
+    assert build_request(COMMANDS[command], arguments) == COMMANDS[command]()
     assert words(COMMANDS[command](), COMMANDS[command]) == []
 
 
@@ -69,7 +69,7 @@ def test_nothing_is_asked_for_by_no_options(command: str) -> None:
 )
 def test_keywords_are_those_of_the_function(request_type: type, function: Callable[..., Any]) -> None:
     parameters = inspect.signature(function).parameters
-    for each in options_of(request_type):
+    for each in list_options(request_type):
         if each.keyword:
             assert parameters[each.name].default == each.default
 
@@ -77,7 +77,7 @@ def test_keywords_are_those_of_the_function(request_type: type, function: Callab
 @pytest.mark.parametrize("message", [HogMessage, InvertMessage, PoseMessage, Fit])
 def test_the_page_has_what_it_offers_and_nothing_else(message: type) -> None:
     ids = {"photo": "p", "mesh": "m"} if message is PoseMessage else {}
-    for each in options_of(message):
+    for each in list_options(message):
         value = other(each)
         text = json.dumps({**ids, each.name: value})
         if each.on_page:

@@ -57,6 +57,7 @@ def test_what_is_compiled_counts_without_its_sources(copy: Path, monkeypatch: py
     (copy / "hog" / "__pycache__").mkdir()
     (copy / "hog" / "__pycache__" / "spec.pyc").touch()
     (copy / "native" / "core.so").touch()
+    (copy / "hog" / ".spec.py.swp").touch()  # of an editor
     assert key_of(copy, monkeypatch) == before
     for file in (*copy.glob("native/*.cpp"), *copy.glob("native/*.h")):
         file.unlink()

@@ -10,8 +10,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from ..hog import HOGSpec, presets
 from ..invert.histograms import linear_vote_spec
 from ..invert.prior.learned import default_prior_file
-from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, defaults_of, parameters_of
-from ..requests.options import Option, options_of
+from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, preset_defaults, preset_parameters
+from ..requests.options import Option, list_options
 from .access import MOST_UPLOAD_BYTES
 from .messages import INVERT_SIZE, SEE_SIZE, Fit, HogMessage, InvertMessage
 from .store import MeshEntry, Photograph, Store
@@ -42,7 +42,7 @@ def about(store: Store) -> dict[str, Any]:
         "options": {
             view: [
                 _option(option)
-                for option in options_of(message)
+                for option in list_options(message)
                 if option.on_page and option.name not in WITH_A_CONTROL_OF_THEIR_OWN
             ]
             for view, message in (("see", HogMessage), ("invert", InvertMessage), ("fit", Fit))
@@ -56,12 +56,12 @@ def _has_prior(spec: HOGSpec) -> bool:
 
 
 def _preset(name: str, spec: HOGSpec) -> dict[str, Any]:
-    defaults = defaults_of(name)
+    defaults = preset_defaults(name)
     return {
         "name": name,
         "signed": linear_vote_spec(spec).signed,
         "title": (PRESETS[name].__doc__ or name).strip().split("\n")[0],
-        "parameters": [_parameter(key, hint, defaults[key]) for key, hint in parameters_of(name).items()],
+        "parameters": [_parameter(key, hint, defaults[key]) for key, hint in preset_parameters(name).items()],
     }
 
 

@@ -165,12 +165,12 @@ class Fitting:
             return estimate_pose(
                 self.photograph.image,
                 {self.model.name: self.model.mesh},
-                **self._whole(request).keywords(),
+                **self._complete(request).keywords(),
                 progress=progress,
                 watch=watch,
             )
 
-    def _whole(self, request: PoseRequest) -> PoseRequest:
+    def _complete(self, request: PoseRequest) -> PoseRequest:
         """The request, with box and focal length of the scene."""
         return replace(request, box=(*self.box,), focal=self.focal)
 
@@ -191,7 +191,7 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": png(self._overlay(estimate)),
             "warning": warning(estimate),
-            "snippets": write_pose_snippets(self._whole(request), files),
+            "snippets": write_pose_snippets(self._complete(request), files),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:

@@ -22,7 +22,7 @@ from torch import Tensor
 from ..hog import HOGSpec
 from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
-from ..requests.options import integer, number, option, options_of
+from ..requests.options import integer, list_options, number, option
 from ..requests.pose import PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
@@ -198,7 +198,7 @@ def _as_message(struct: Any, message: type[Message]) -> Message:
 @cache
 def _struct(message: type, tag: str | None = None) -> type[Struct]:
     """The type of a message in JSON: the fields of its request that the page has, in their ranges, and its own."""
-    options, hints = {option.name: option for option in options_of(message)}, get_type_hints(message)
+    options, hints = {option.name: option for option in list_options(message)}, get_type_hints(message)
     fields: list[Any] = []
     for field in dataclasses.fields(message):
         declared = options.get(field.name)

@@ -33,7 +33,7 @@ def tell(command: str, message: str) -> None:
     print(f"nablahog {command}: {one_line(message, MOST_ERROR_CHARACTERS)}", file=sys.stderr)
 
 
-def worded(error: Exception) -> str:
+def word_error(error: Exception) -> str:
     """The sentence of an error, with the options that help."""
     if not isinstance(error, InputError):
         return str(error)
@@ -78,12 +78,12 @@ class Skipping:
         self.skipped: list[dict[str, str]] = []
 
     @contextmanager
-    def each(self, path: str) -> Iterator[None]:
+    def guard(self, path: str) -> Iterator[None]:
         """Skips the input ``path`` if the block raises ValueError or OSError."""
         try:
             yield
         except (ValueError, OSError) as error:
-            message = worded(error)
+            message = word_error(error)
             if path not in message and str(Path(path)) not in message:
                 message = f"{path}: {message}"
             if self.count == 1:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 DATASET = ".parquet"
 SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
-ROWS = 1000  # of a data set, in memory at a time
+ROWS_IN_MEMORY = 1000  # of a data set, in memory at a time
 
 
 def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str]) -> Inputs:
@@ -67,7 +67,7 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
             empty.append((name, reason))
     skipping = Skipping(arguments.command, len(paths) + len(empty))
     for name, reason in empty:
-        with skipping.each(name):
+        with skipping.guard(name):
             raise ValueError(f"{name}: {reason}")
     return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
 
@@ -101,14 +101,14 @@ class Inputs:
     datasets: list[DescriptorDataset] = field(default_factory=list)
 
     def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
-        """The sources of files, then those of data sets that ``check`` allows, :data:`ROWS` at a time."""
+        """The sources of files, then those of data sets that ``check`` allows, :data:`ROWS_IN_MEMORY` at a time."""
         if self.sources:
             yield self.sources
         for data in self.datasets:
-            for first in range(0, len(data), ROWS):
+            for first in range(0, len(data), ROWS_IN_MEMORY):
                 sources = []
-                for number, row in enumerate(data[first : first + ROWS], start=first):
-                    with self.skipping.each(row.path):
+                for number, row in enumerate(data[first : first + ROWS_IN_MEMORY], start=first):
+                    with self.skipping.guard(row.path):
                         if row.stored is None:
                             raise ValueError(f"{row.path}: {row.error}")
                         source = from_stored(row.path, f"{number:06d}_{local_name(Path(row.path).stem)}", row.stored)
@@ -151,7 +151,7 @@ def read_inputs(
         check(source)
         return [source if keep_photos else replace(source, photo=None)]
 
-    sources = read_each(expanded, read)
+    sources = read_files(expanded, read)
     if reader.shrunk:
         which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
         inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
@@ -160,12 +160,12 @@ def read_inputs(
     return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
 
 
-def read_each(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> list[Source]:
+def read_files(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> list[Source]:
     """The sources of all files by ``read``, called with each file and its stem; skips files that it cannot read."""
     stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
     sources = []
     for path, stem in zip(expanded.paths, stems, strict=True):
-        with expanded.skipping.each(path):
+        with expanded.skipping.guard(path):
             sources += read(_read_stdin() if path == STDIN else InputFile(path), stem)
     expanded.skipping.check()
     return sources
@@ -233,7 +233,7 @@ def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:
             for sign in SIGNS
         ]
 
-    return replace(expanded, many=True, sources=read_each(expanded, read))
+    return replace(expanded, many=True, sources=read_files(expanded, read))
 
 
 def _signed(template: Source, stem: str, sign: str) -> Source:

@@ -16,7 +16,7 @@ from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from .arguments import options
 from .arguments.options import Parser
 from .arguments.parsers import KINDS, demo, glyph, hog, invert, learn, pose, table1, table2
-from .errors import tell, worded
+from .errors import tell, word_error
 
 PORT = 8765
 LAST_PORT = 65535
@@ -122,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ValueError, OSError) as error:
-        return _failed(command, worded(error))
+        return _failed(command, word_error(error))
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise

@@ -19,10 +19,10 @@ from rich.text import Text
 from ..runtime.text import one_line, printable
 from ..viz.html import figure
 
-SHORT = 16  # characters of a name that is not broken in a table
+UNBROKEN_CHARACTERS = 16  # characters of a name that is not broken in a table
 LINE_CHARACTERS = 1000  # characters of a line: lists of file names may be any length
 LINE_INTERVAL = 60.0  # seconds between lines of progress without a terminal
-PIPED = 120  # columns without a terminal
+PIPED_COLUMNS = 120  # columns without a terminal
 _quiet = False
 
 
@@ -111,7 +111,7 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         return
     console = _console()
     filled = [key for key in rows[0] if any(row[key] is not None for row in rows)]
-    columns = {key: [_shown(row[key]) for row in rows] for key in filled}
+    columns = {key: [_format_value(row[key]) for row in rows] for key in filled}
     numbers = [key for key in columns if all(row[key] is None or isinstance(row[key], int | float) for row in rows)]
     broken = [key for key, shown in columns.items() if key not in numbers and not all(map(_is_short_name, shown))]
     widths = {key: max(map(len, [*key.split("\n"), *shown])) for key, shown in columns.items()}
@@ -130,12 +130,12 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _is_short_name(text: str) -> bool:
-    return len(text) <= SHORT and " " not in text
+    return len(text) <= UNBROKEN_CHARACTERS and " " not in text
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     return printable("x".join(map(str, value)) if isinstance(value, list) else figure(value))
 
 
 def _console() -> Console:
-    return Console(width=None if sys.stdout.isatty() else PIPED)
+    return Console(width=None if sys.stdout.isatty() else PIPED_COLUMNS)

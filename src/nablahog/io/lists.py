@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..inputs.boxes import Box
-from ..runtime.text import decode_text, one_line, unguarded
+from ..runtime.text import decode_text, one_line, unguard_formula
 from .input_file import input_file
 
 MAX_TABLE_BYTES = 2**28  # of a file
@@ -187,7 +187,7 @@ def _read_csv_objects(path: Path, folder: str | os.PathLike[str] | None) -> list
     if len({*numbers}) < len(rows):
         numbers = [*range(1, len(rows) + 1)]
     return [
-        read_object(number, row, _inside(row, unguarded(row.text("image")), folder))
+        read_object(number, row, _inside(row, unguard_formula(row.text("image")), folder))
         for number, row in zip(numbers, rows, strict=True)
     ]
 

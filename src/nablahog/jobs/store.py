@@ -48,7 +48,7 @@ class Job(Work[JobResult], Protocol):
         """Whether a stored result has the rows and shapes of this job; damaged files do not."""
 
 
-def key_of(facts: Mapping[str, object], image: NDArray[np.float32]) -> str:
+def make_key(facts: Mapping[str, object], image: NDArray[np.float32]) -> str:
     """A hash of an image and of facts, ready for JSON, that a result depends on; the version of PyTorch is one."""
     text = json.dumps({**facts, "torch": torch.__version__, "shape": image.shape})
     return hashlib.sha256(text.encode() + image.tobytes()).hexdigest()
@@ -57,11 +57,11 @@ def key_of(facts: Mapping[str, object], image: NDArray[np.float32]) -> str:
 def digest(path: Path) -> str:
     """A hash of the contents of a file; computed again when the file changes."""
     state = path.stat()
-    return _digest_of(path, state.st_mtime_ns, state.st_size)
+    return _digest_file(path, state.st_mtime_ns, state.st_size)
 
 
 @cache
-def _digest_of(path: Path, changed: int, size: int) -> str:
+def _digest_file(path: Path, changed: int, size: int) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

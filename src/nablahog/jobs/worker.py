@@ -44,17 +44,17 @@ def attempt(job: Work[R]) -> R | str:
     try:
         return job.run()
     except (ValueError, OSError) as error:
-        return _sentence(error)
+        return _join_lines(error)
     except MemoryError:
         return "not enough memory"
     except Exception as error:  # a mistake in one method should not end hours of work on others
         if isinstance(error, RuntimeError) and "memory" in str(error):
             return "not enough memory"
         frame = traceback.extract_tb(error.__traceback__)[-1]
-        return f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {_sentence(error)}"
+        return f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}: {_join_lines(error)}"
 
 
-def _sentence(error: Exception) -> str:
+def _join_lines(error: Exception) -> str:
     return " ".join(str(error).split())
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .. import metrics
 from ..io.images import as_array
 from ..io.photographs import Photographs
-from ..jobs.store import JobResult, digest, key_of
+from ..jobs.store import JobResult, digest, make_key
 from ..runtime.cache import code_key
 from .methods import MethodOutput, ReconstructionMethod, Table1Settings
 from .names import BASELINES, GROUPS, PUBLISHED
@@ -51,7 +51,7 @@ class ReconstructionJob:
             "learned": [digest(path) for path in self.files()],
             "code": code_key(method.run),
         }
-        return key_of(facts, self.image)
+        return make_key(facts, self.image)
 
     def files(self) -> list[Path]:
         """The learned files that it reads."""

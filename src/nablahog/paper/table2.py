@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..inputs.boxes import Box
 from ..io.images import as_array
-from ..jobs.store import JobResult, digest, key_of
+from ..jobs.store import JobResult, digest, make_key
 from ..jobs.worker import local_path
 from ..metrics import VIEW_COUNTS, azimuth_error, near_view, rotation_error, same_view
 from ..render.models import Model
@@ -57,7 +57,7 @@ class PoseJob:
             "seed": self.settings.seed,
             "code": code_key(self.method.run, *filter(None, [self.method.prepare])),
         }
-        return key_of(facts, self.image)
+        return make_key(facts, self.image)
 
     def files(self) -> list[Path]:
         return [model.file for model in self.models]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..io.files import write_text
 from ..jobs.store import Job, do_all
-from ..runtime.text import guarded, printable
+from ..runtime.text import guard_formula, printable
 from ..viz.html import Cell, Section, figure
 
 RESAMPLES = 10_000
@@ -116,7 +116,7 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 
 def _cell(value: object) -> object:
-    return guarded(printable(value)) if isinstance(value, str) else value
+    return guard_formula(printable(value)) if isinstance(value, str) else value
 
 
 def cell(summary: Statistics, value: float | None, *more: str) -> Cell | None:

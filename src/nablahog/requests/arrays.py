@@ -16,15 +16,15 @@ from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
-from .dialect import PRESETS, as_text, window_of
+from .dialect import PRESETS, as_text, opencv_window_size
 from .inversion import GlyphRequest
 
 Size: TypeAlias = tuple[int, int]
 
-SIZES = ((64, 64), (128, 64), (128, 128), (32, 32), (96, 96), (28, 28), (96, 48), (256, 256))
+GUESSED_IMAGE_SIZES = ((64, 64), (128, 64), (128, 128), (32, 32), (96, 96), (28, 28), (96, 48), (256, 256))
 """(height, width) of images to try for an array in one row, which does not tell the size."""
-BLOCKS = ("2x2", "1x1")  # cells of scikit-image's blocks, beside the default
-LARGEST = 2**12  # cells of a descriptor whose normalisation is compared with that of each dialect that fits
+SKIMAGE_BLOCK_SIZES = ("2x2", "1x1")  # cells of scikit-image's blocks, beside the default
+MOST_COMPARED_CELLS = 2**12  # cells of a descriptor whose normalisation is compared with that of each dialect that fits
 
 
 def read_stored(path: Readable, request: GlyphRequest) -> StoredDescriptor:
@@ -41,7 +41,7 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
     if request.preset is None:
         raise InputError("an array does not say which library it is from", "preset")
     parameters, spec, size = request.parameters(), request.spec, request.image_size
-    window = window_of(request.name, parameters)
+    window = opencv_window_size(request.name, parameters)
     if size is not None and "win_size" in parameters and window != size:
         raise ValueError(
             f"the image size {as_text(size)} (height x width) and win_size={as_text(parameters['win_size'])} "
@@ -110,7 +110,7 @@ def _error(preset: FittingPreset, array: NDArray[np.floating]) -> float:
     from ..invert.histograms import normalization_error
 
     rows, cols = preset.request.spec.grid(*preset.how.image_size)
-    if rows * cols > LARGEST:
+    if rows * cols > MOST_COMPARED_CELLS:
         return math.inf
     try:
         descriptor = to_descriptor(array, preset.request.spec, preset.how)
@@ -129,21 +129,21 @@ def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[Fi
     fitting: list[FittingPreset] = []
     guessed = image_size is None and is_row(shape)
     for name in PRESETS:
-        blocks = tuple({"cells_per_block": cells} for cells in BLOCKS) if name == "skimage" else ()
+        blocks = tuple({"cells_per_block": cells} for cells in SKIMAGE_BLOCK_SIZES) if name == "skimage" else ()
         for settings in ({}, *blocks):
-            for size in SIZES if guessed else (image_size,):
-                windows = name == "opencv" and size not in (None, window_of(name, {}))
+            for size in GUESSED_IMAGE_SIZES if guessed else (image_size,):
+                windows = name == "opencv" and size not in (None, opencv_window_size(name, {}))
                 chosen = {"win_size": as_text(size[::-1])} if windows and size else settings
                 with suppress(ValueError):  # some are not a window of OpenCV
                     needed = size if guessed and name != "opencv" else None
                     request = GlyphRequest(preset=name, settings=chosen, image_size=needed)
-                    how = _own(shape, request.spec, size)
+                    how = _fit_own_layout(shape, request.spec, size)
                     if how is not None:
                         fitting.append(FittingPreset(request, how))
     return sorted(fitting, key=lambda preset: preset.how.layout != preset.request.spec.layout)
 
 
-def _own(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> FittedLayout | None:
+def _fit_own_layout(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> FittedLayout | None:
     """How an array of this shape is a descriptor as libraries return it, if it is one."""
     how = find_layout(shape, spec, image_size)
     if how is None or (is_row(shape) and not spec.layout.endswith("vector")):  # no other library returns one row

@@ -32,21 +32,21 @@ _ONLY_IF_SET = {"cell_size": ("cell_size", "pixels_per_cell"), "vote": ("vote", 
 _FREE = ("name", "layout", "derivative")  # fields that decide none of the values in a descriptor file
 
 
-def parameters_of(name: str) -> dict[str, Any]:
+def preset_parameters(name: str) -> dict[str, Any]:
     """The parameters of a preset with their types, in order."""
     hints = get_type_hints(PRESETS[name])
     return {parameter: hints[parameter] for parameter in inspect.signature(PRESETS[name]).parameters}
 
 
-def defaults_of(name: str) -> dict[str, Any]:
+def preset_defaults(name: str) -> dict[str, Any]:
     """The parameters of a preset with their defaults on the command line."""
     parameters = inspect.signature(PRESETS[name]).parameters.values()
     return {parameter.name: parameter.default for parameter in parameters} | _OTHER_DEFAULTS.get(name, {})
 
 
-def window_of(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
+def opencv_window_size(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
     """(height, width) of OpenCV's window, the size of its images; None for other presets."""
-    window = {**defaults_of(name), **parameters}.get("win_size")
+    window = {**preset_defaults(name), **parameters}.get("win_size")
     return None if window is None else (window[1], window[0])
 
 
@@ -57,7 +57,7 @@ def as_text(value: object) -> str:
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
-def parsed(text: str, hint: Any) -> Any:
+def parse_value(text: str, hint: Any) -> Any:
     """The value of type ``hint`` that ``text`` stands for, the inverse of :func:`as_text`.
 
     Raises:
@@ -98,7 +98,7 @@ def _value(text: str, kind: Any) -> Any:
 def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
     """The spec of a preset with these parameters, and the defaults of the command line for the others."""
     try:
-        return PRESETS[name](**{**defaults_of(name), **parameters})
+        return PRESETS[name](**{**preset_defaults(name), **parameters})
     except ValueError as error:
         options = ", ".join(f"{key}={as_text(value)}" for key, value in parameters.items())
         raise ValueError(f"{name} with {options}: {error}" if options else str(error)) from None
@@ -131,13 +131,13 @@ class Dialect:
 
     def parameters(self) -> dict[str, Any]:
         """The parameters of the preset that are set, with their values."""
-        hints, parameters = parameters_of(self.name), {}
+        hints, parameters = preset_parameters(self.name), {}
         for key, text in self.settings.items():
             if key not in hints:
                 meant = did_you_mean(key, hints)
                 raise ValueError(f"{self.name} has no parameter {key!r}; it has {', '.join(hints)}{meant}")
             try:
-                parameters[key] = parsed(text, hints[key])
+                parameters[key] = parse_value(text, hints[key])
             except ValueError as error:
                 raise ValueError(f"{key}: {error}") from None
         return parameters

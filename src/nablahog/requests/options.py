@@ -155,7 +155,7 @@ def option(default: Any, *about: Any, **more: Any) -> Any:
 
 
 @cache
-def options_of(request: type) -> tuple[Option, ...]:
+def list_options(request: type) -> tuple[Option, ...]:
     """The options of a request, in the order of its fields; a field that is no :func:`option` is none."""
     hints = get_type_hints(request)
     fields = [field for field in dataclasses.fields(request) if "option" in field.metadata]
@@ -174,17 +174,17 @@ def changed(request: Any, kind: type, beyond: type | None = None) -> list[tuple[
 
     Those of ``beyond``, from which the kind inherits, are left out.
     """
-    inherited = {option.name for option in options_of(beyond)} if beyond else set()
-    values = [(option, getattr(request, option.name)) for option in options_of(kind) if option.name not in inherited]
+    inherited = {option.name for option in list_options(beyond)} if beyond else set()
+    values = [(option, getattr(request, option.name)) for option in list_options(kind) if option.name not in inherited]
     return [(option, value) for option, value in values if value != option.default]
 
 
 def words(request: Any, kind: type, beyond: type | None = None) -> list[str]:
     """The options of the command that ask for the same, as :func:`changed` has them."""
-    return [word for option, value in changed(request, kind, beyond) for word in _words_of(option, value)]
+    return [word for option, value in changed(request, kind, beyond) for word in _write_words(option, value)]
 
 
-def _words_of(option: Option, value: Any) -> Iterator[str]:
+def _write_words(option: Option, value: Any) -> Iterator[str]:
     if option.kind is FLAG:
         yield option.flag
         return

@@ -73,13 +73,18 @@ def _key_of_package() -> str:
 
 
 def _files(folder: Traversable, parent: str = "") -> Iterator[tuple[str, Traversable]]:
-    """The files below a folder, which may lie in an archive, and their paths from there; not what Python compiles."""
+    """The files below a folder, which may lie in an archive, and their paths from there.
+
+    Not what Python compiles, and no hidden files, such as editors leave.
+    """
     for entry in folder.iterdir():
         path = f"{parent}{entry.name}"
-        if not entry.is_dir():
-            yield path, entry
-        elif entry.name != "__pycache__":
+        if entry.name.startswith(".") or entry.name == "__pycache__":
+            continue
+        if entry.is_dir():
             yield from _files(entry, f"{path}/")
+        else:
+            yield path, entry
 
 
 @cache

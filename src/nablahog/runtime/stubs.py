@@ -12,6 +12,8 @@ from typing import Any
 
 import lazy_loader
 
+from .text import did_you_mean
+
 
 def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """The ``__getattr__``, ``__dir__`` and ``__all__`` of a package: the names of its stub, none of them loaded.
@@ -26,8 +28,10 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]],
 
     def find(name: str) -> Any:
         module = f"{package}.{name}"
-        if name not in public and not name.startswith("_") and find_spec(module) is not None:
-            return import_module(module)
+        if name not in public:
+            if name.isidentifier() and not name.startswith("_") and find_spec(module) is not None:
+                return import_module(module)
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{did_you_mean(name, public)}")
         value = attribute(name)
         if isinstance(value, FunctionType) and module in sys.modules and hasattr(sys.modules[module], "__path__"):
             # `import nablahog.hog.kernels as kernels` takes attributes, not modules, from left to right

@@ -40,13 +40,13 @@ def printable(text: str) -> str:
     )
 
 
-def guarded(text: str) -> str:
+def guard_formula(text: str) -> str:
     """``text`` with an apostrophe before what a spreadsheet would take for a formula."""
     return f"'{text}" if text.startswith(_FORMULAS) else text
 
 
-def unguarded(text: str) -> str:
-    """The text that :func:`guarded` made this of."""
+def unguard_formula(text: str) -> str:
+    """The text that :func:`guard_formula` made this of."""
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULAS) else text
 
 

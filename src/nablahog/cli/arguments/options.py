@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NoReturn, TypeVar
 
-from ...requests.dialect import PRESETS, defaults_of
+from ...requests.dialect import PRESETS, preset_defaults
 from ...requests.inversion import InvertRequest
-from ...requests.options import FLAG, Kind, integer, options_of, path, read_path
+from ...requests.options import FLAG, Kind, integer, list_options, path, read_path
 from ...runtime.text import did_you_mean, one_line
 
 Request = TypeVar("Request")
@@ -41,7 +41,7 @@ class Parser(argparse.ArgumentParser):
         """A suggestion for the first of the unknown arguments that is a parameter of a preset, or like an option."""
         options = [option for option in self._option_string_actions if option.startswith("--")]
         names = [each.split("=")[0] for each in unknown if each.startswith("--")]
-        parameters = {key for name in PRESETS for key in defaults_of(name)} if "--set" in options else ()
+        parameters = {key for name in PRESETS for key in preset_defaults(name)} if "--set" in options else ()
         for key in (name[2:].replace("-", "_") for name in names):
             if key in parameters:
                 return f"; did you mean '--set {key}=…'?"
@@ -96,7 +96,7 @@ def add(
 
 def add_field(command: argparse.ArgumentParser, request: type, name: str, default: Any = None) -> None:
     """Adds the option of a request's field, perhaps with another default."""
-    field = next(each for each in options_of(request) if each.name == name)
+    field = next(each for each in list_options(request) if each.name == name)
     text, repeated = field.help, field.kind.collect is not None
     if default is None and field.stands_for is not None:
         text = f"{text} (default: {field.kind.write(field.stands_for)})"
@@ -107,14 +107,14 @@ def add_field(command: argparse.ArgumentParser, request: type, name: str, defaul
 
 def add_request(command: argparse.ArgumentParser, request: type) -> None:
     """Adds the options of all fields of a request."""
-    for each in options_of(request):
+    for each in list_options(request):
         add_field(command, request, each.name)
 
 
-def request_of(request: type[Request], arguments: argparse.Namespace) -> Request:
+def build_request(request: type[Request], arguments: argparse.Namespace) -> Request:
     """The request of the options that :func:`add_request` has added."""
     values = {}
-    for each in options_of(request):  # type: ignore[arg-type]  # mypy takes no class for hashable
+    for each in list_options(request):  # type: ignore[arg-type]  # mypy takes no class for hashable
         value = getattr(arguments, each.name)
         values[each.name] = value if each.kind.collect is None else each.kind.collect(value or [])
     return request(**values)

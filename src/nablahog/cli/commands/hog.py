@@ -26,7 +26,7 @@ from ...requests.sources import Source
 from ...runtime.extras import extra
 from ...runtime.text import counted, decode_text
 from ...viz.pictures import glyph_image
-from ..arguments.options import request_of
+from ..arguments.options import build_request
 from ..errors import SOME_SKIPPED
 from ..inputs import DATASET, Inputs, expand, read_inputs
 from ..terminal import counter, inform, print_table, say
@@ -61,8 +61,8 @@ def hog(arguments: Namespace) -> int:
             f"NAME{DATASET}, got {arguments.output}"
         )
     _check_stdout(arguments.output)
-    inputs = read_inputs(arguments, request_of(HogRequest, arguments))
-    _write_each(arguments.output, inputs, ".npz", write, is_file=is_file)
+    inputs = read_inputs(arguments, build_request(HogRequest, arguments))
+    _write_files(arguments.output, inputs, ".npz", write, is_file=is_file)
     return inputs.skipping.status
 
 
@@ -76,8 +76,8 @@ def glyph(arguments: Namespace) -> int:
     if suffix != ".png" and suffix in Image.registered_extensions():
         raise ValueError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
     _check_stdout(arguments.output)
-    inputs = read_inputs(arguments, request_of(GlyphRequest, arguments))
-    _write_each(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
+    inputs = read_inputs(arguments, build_request(GlyphRequest, arguments))
+    _write_files(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
     return inputs.skipping.status
 
 
@@ -88,7 +88,7 @@ def _check_stdout(output: str) -> None:
         raise ValueError("-o - writes bytes, and stdout is a terminal: expected a pipe or a file")
 
 
-def _write_each(
+def _write_files(
     name: str, inputs: Inputs, ending: str, write: Callable[[Writable, Source], None], *, is_file: bool
 ) -> None:
     """Writes one result for each input: to stdout; to the file ``name``, for one input and ``is_file``; or to a folder.
@@ -130,7 +130,7 @@ def hog_dataset(arguments: Namespace) -> int:
     with extra("dataset", "a data set of descriptors"):
         from ...io.descriptor_dataset import read_shard_key, shard_key, shard_name
         from ...jobs.describing import ShardJob
-    request = request_of(HogRequest, arguments)
+    request = build_request(HogRequest, arguments)
     spec, size = request.spec, request.longer_side
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]

@@ -15,13 +15,13 @@ import numpy as np
 import torch
 
 from ...io.files import forbid_overwrite, output_folder, write_text
-from ...jobs.store import JobResult, digest, do_all, key_of
+from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import local_path
 from ...requests.inversion import GlyphRequest, InvertRequest
 from ...requests.options import changed
 from ...requests.sources import Source
 from ...runtime.cache import code_key
-from ..arguments.options import request_of
+from ..arguments.options import build_request
 from ..errors import Skipping
 from ..inputs import read_inputs, read_template_inputs
 from ..results import inversion_page
@@ -44,7 +44,7 @@ _STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an i
 
 def invert(arguments: Namespace) -> int:
     """Finds an image for each descriptor, or what each detector looks for; returns the exit status."""
-    request = request_of(InvertRequest, arguments)
+    request = build_request(InvertRequest, arguments)
     _check_cluster(arguments)
     learned = request.learned_prior()
 
@@ -114,7 +114,7 @@ def _in_batches(
             yield from run(indices, about)
         except ValueError:  # one of them cannot be inverted: find out which
             for index in indices:
-                with skipping.each(sources[index].path):
+                with skipping.guard(sources[index].path):
                     yield from run([index], about)
         skipping.check()
 
@@ -127,7 +127,7 @@ def _on_cluster(
     with counter("nablahog invert") as progress:
         outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
         for index, outcome in outcomes:
-            with skipping.each(sources[index].path):
+            with skipping.guard(sources[index].path):
                 if isinstance(outcome, str):
                     raise ValueError(outcome)
                 yield index, jobs[index].inversion(outcome)
@@ -195,7 +195,7 @@ class InversionJob:
             "prior": [digest(file) for file in self.files()] or self.request.prior,
             "code": code_key(),
         }
-        return key_of(facts, source.descriptor.numpy())
+        return make_key(facts, source.descriptor.numpy())
 
     def files(self) -> list[Path]:
         """The file of the prior, if there is one."""

@@ -18,7 +18,7 @@ from ...paper.learned import LEARNED, SPEC, sample_training_photographs
 from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ...requests.dialect import Dialect
-from ..arguments.options import request_of
+from ..arguments.options import build_request
 from ..terminal import counter, say, say_ignored
 
 TRAINING_SIZE = 512  # pixels on the longer side that photographs are shrunk to
@@ -65,7 +65,7 @@ def _options(arguments: Namespace, spec: HOGSpec) -> dict[str, Any]:
 def _spec(arguments: Namespace) -> HOGSpec:
     """The spec to learn for; of a prior, one of those that it is for."""
     if "preset" in arguments:
-        return request_of(Dialect, arguments).spec
+        return build_request(Dialect, arguments).spec
     return presets.paper() if getattr(arguments, "signs", None) == "unsigned" else SPEC
 
 

@@ -15,7 +15,7 @@ from ...inputs.boxes import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import draw_polygons, read_exif_focal, read_image
 from ...io.lists import AnnotatedObject, read_objects
-from ...jobs.store import JobResult, digest, do_all, key_of
+from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
 from ...pose.crop import apply_mask
@@ -26,7 +26,7 @@ from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models
 from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.text import to_unicode
-from ..arguments.options import request_of
+from ..arguments.options import build_request
 from ..errors import REFUSED, SOME_SKIPPED, tell
 from ..results.pose_files import PosedObject, names, rows, write
 from ..results.pose_page import close_up, pose_page
@@ -46,7 +46,7 @@ def pose(arguments: Namespace) -> int:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
     """
-    request = request_of(PoseRequest, arguments)
+    request = build_request(PoseRequest, arguments)
     objects, photos = _objects(arguments)
     if request.within < 180 and all(one.view is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
@@ -174,11 +174,11 @@ class ObjectJob:
         facts = {
             "files": [digest(path) for path in self.files()],
             "polygons": self.listed.polygons,
-            "request": asdict(replace(self._whole(), **_NO_PART_OF_A_RESULT)),
+            "request": asdict(replace(self._complete(), **_NO_PART_OF_A_RESULT)),
             "models": [model.name for model in self.models],
             "code": code_key(),
         }
-        return key_of(facts, np.empty(0, np.float32))
+        return make_key(facts, np.empty(0, np.float32))
 
     def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture."""
@@ -186,7 +186,7 @@ class ObjectJob:
 
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
         """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
-        request, photo = self._whole(), local_path(self.photo)
+        request, photo = self._complete(), local_path(self.photo)
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
         if request.mask is not None:
             photograph, box = apply_mask(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
@@ -205,7 +205,7 @@ class ObjectJob:
         _, _, picture = close_up(photograph, estimate, mesh, SIDE, _FILL * SIDE)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
 
-    def _whole(self) -> PoseRequest:
+    def _complete(self) -> PoseRequest:
         """The request, with what is known about the object."""
         box, initial = self.listed.box, self.listed.view
         within = 180.0 if initial is None else self.request.within

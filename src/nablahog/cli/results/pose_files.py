@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...io.files import write_text
 from ...io.lists import SIDES, AnnotatedObject
 from ...jobs.store import JobResult
-from ...runtime.text import guarded
+from ...runtime.text import guard_formula
 from ...viz import html
 from ...viz.pictures import Panel
 
@@ -120,7 +120,9 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
             row |= {name: posed.figures[name] for name in figures}
             row |= dict(zip(matrix, chain(*posed.figures["matrix"][:3]), strict=True))
             row["refused"] = posed.refused
-        writer.writerow({name: guarded(value) if isinstance(value, str) else value for name, value in row.items()})
+        writer.writerow(
+            {name: guard_formula(value) if isinstance(value, str) else value for name, value in row.items()}
+        )
     return out.getvalue()
 
 
