@@ -189,8 +189,8 @@ def test_exported_graphs_need_the_operator(tmp_path: Path) -> None:
 
 
 def test_other_names_are_not_there() -> None:
-    for name in ("nothing", "_private", "__wrapped__", "hog.spec"):
-        with pytest.raises(AttributeError, match=f"attribute '{name}'$"):
+    for name in ("nothing", "_private", "__wrapped__", "metrics.images"):
+        with pytest.raises(AttributeError, match=f"attribute '{name}'"):
             getattr(nablahog, name)
     with pytest.raises(AttributeError, match="did you mean 'reconstruct'"):
         _ = nablahog.recontruct
