@@ -13,10 +13,12 @@ import pytest
 from PIL import Image
 from starlette.testclient import TestClient
 
+from nablahog.app import store as store_module
 from nablahog.app.invert import invert
 from nablahog.app.messages import InvertMessage
 from nablahog.app.store import Store
 from nablahog.app.work_queue import Cancelled, CancelToken
+from nablahog.requests.sources import from_photo
 
 Event = tuple[str, dict[str, Any]]
 
@@ -104,3 +106,17 @@ def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
     with pytest.raises(Cancelled):
         invert(request, requested_descriptor(request, store), store, send, cancel)
     assert seen.is_set()
+
+
+def test_a_photograph_is_described_once_and_not_on_the_event_loop(
+    client: TestClient, photo: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: list[str] = []
+
+    def described(*arguments: Any, **options: Any) -> Any:
+        threads.append(threading.current_thread().name)
+        return from_photo(*arguments, **options)
+
+    monkeypatch.setattr(store_module, "from_photo", described)
+    assert events(client, photo=photo)[-1][0] == "done"
+    assert [name.partition("_")[0] for name in threads] == ["quick"]
