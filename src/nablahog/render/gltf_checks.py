@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
+from .gltf_schema import COMPONENT_TYPES, COMPONENTS, Json
 from .soup import MAX_FACES
 
 MAX_NODES = 10_000  # in a GLB
@@ -17,11 +17,7 @@ MAX_NODE_DEPTH = 100  # of a GLB's tree of nodes: a node's place is the product 
 _HARMLESS = ("KHR_materials_", "KHR_lights_punctual", "KHR_xmp_json_ld")
 _READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
 _NEVER_READ = ("EXT_mesh_gpu_instancing", "EXT_meshopt_compression", "KHR_meshopt_compression")  # required or not
-COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; in the last two each index but two makes a triangle
-
-Json = dict[str, Any]
 
 
 def check_extensions(header: Json) -> None:
@@ -40,11 +36,9 @@ def check_extensions(header: Json) -> None:
 def check_sizes(header: Json, size: int) -> None:
     """Refuses a file of ``size`` bytes that would unpack to much more: views may overlap, and nodes share meshes."""
     nodes, accessors = header.get("nodes", ()), header.get("accessors", ())
-    views = sum(read_count(view, "byteLength") for view in header.get("bufferViews", ()))
+    views = sum(view["byteLength"] for view in header.get("bufferViews", ()))
     unpacked = sum(
-        read_count(accessor, "count")
-        * int(COMPONENT_TYPES[accessor["componentType"]][-1])
-        * COMPONENTS[accessor["type"]]
+        accessor["count"] * int(COMPONENT_TYPES[accessor["componentType"]][-1]) * COMPONENTS[accessor["type"]]
         for accessor in accessors
     )
     meshes = [_count_mesh(mesh, accessors) for mesh in header.get("meshes", ())]
@@ -58,13 +52,6 @@ def check_sizes(header: Json, size: int) -> None:
     for what, number, limit in limits:
         if number > limit:
             raise ValueError(f"at most {limit:,} {what} are allowed, got {number:,}")
-
-
-def read_count(part: Json, name: str) -> int:
-    count = part[name]
-    if type(count) is not int or count < 0:
-        raise ValueError(f"{name} must be an integer of at least 0, got {str(count)[:60]}")
-    return count
 
 
 def _count_mesh(mesh: Json, accessors: Sequence[Json]) -> tuple[int, int, int]:

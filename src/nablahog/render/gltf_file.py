@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 from urllib.parse import unquote
@@ -12,19 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .companion_files import CompanionFiles
-from .gltf_checks import (
-    COMPONENT_TYPES,
-    COMPONENTS,
-    FAN,
-    MAX_JSON_BYTES,
-    STRIP,
-    TRIANGLES,
-    Json,
-    check_extensions,
-    check_sizes,
-    check_tree,
-    read_count,
-)
+from .gltf_checks import FAN, MAX_JSON_BYTES, STRIP, TRIANGLES, check_extensions, check_sizes, check_tree
+from .gltf_schema import COMPONENT_TYPES, COMPONENTS, Json, parse_header, refuse
 from .soup import BRIGHTNESS, Floats, Integers, Soup, to_gray
 
 
@@ -39,7 +27,8 @@ def read_gltf(data: bytes, companions: CompanionFiles) -> Iterator[Soup]:
     header, binary = _split(data)
     check_extensions(header)
     buffers = [
-        _read_buffer(number, buffer, binary, companions) for number, buffer in enumerate(header.get("buffers", ()))
+        _check_length(_read_buffer(number, buffer, binary, companions), number, buffer.get("byteLength", 0))
+        for number, buffer in enumerate(header.get("buffers", ()))
     ]
     check_sizes(header, len(data) + sum(map(len, buffers)))
     nodes = header.get("nodes", ())
@@ -65,8 +54,7 @@ def _split(data: bytes) -> tuple[Json, bytes]:
         raise ValueError("it does not begin with glTF, or as JSON does")
     if end - start > MAX_JSON_BYTES:
         raise ValueError(f"its JSON has more than {MAX_JSON_BYTES:,} bytes")
-    header: Json = json.loads(data[start:end])
-    return header, data[end + 8 : end + 8 + int.from_bytes(data[end : end + 4], "little")]
+    return parse_header(data[start:end]), data[end + 8 : end + 8 + int.from_bytes(data[end : end + 4], "little")]
 
 
 def _read_buffer(number: int, buffer: Json, binary: bytes, companions: CompanionFiles) -> bytes:
@@ -84,14 +72,28 @@ def _read_buffer(number: int, buffer: Json, binary: bytes, companions: Companion
         raise ValueError(reason) from None
 
 
+def _check_length(data: bytes, number: int, length: int) -> bytes:
+    """The bytes of a buffer, at least ``length``."""
+    if len(data) < length:
+        raise ValueError(
+            f"buffers[{number}]: the buffer is missing or shorter than byteLength says: "
+            f"it has {len(data):,} of {length:,} bytes"
+        )
+    return data
+
+
 def _decode(uri: str) -> bytes:
-    return base64.b64decode(uri.partition(",")[2])
+    """The bytes in a data URI; none of a damaged one."""
+    try:
+        return base64.b64decode(uri.partition(",")[2])
+    except ValueError:
+        return b""
 
 
 def _place_nodes(header: Json) -> dict[int, Floats]:
     """The numbers of the scene's nodes, and the matrices (4, 4) that put them into it."""
     nodes = header.get("nodes", ())
-    if "scenes" in header:
+    if header.get("scenes"):
         roots = header["scenes"][header.get("scene", 0)].get("nodes", ())
     else:  # all that is on the top
         below = {child for node in nodes for child in node.get("children", ())}
@@ -188,6 +190,8 @@ class _Scene:
         upwards = places * [1, -1] + [0, 1]
         source = self.header["textures"][texture["index"]]
         number = source.get("extensions", {}).get("EXT_texture_webp", source).get("source", source.get("source"))
+        if number is None:  # it is in an extension
+            return None
         image = self.header["images"][number]
         uri = image.get("uri", "data:")
         if not uri.startswith("data:"):
@@ -206,6 +210,7 @@ class _Scene:
         if not all(self._belongs(attributes[name], len(vertices)) for name in ("JOINTS_0", "WEIGHTS_0")):
             raise ValueError("it has not as many joints as vertices")
         weights, which = self.numbers(attributes["WEIGHTS_0"]).astype(np.float64), self.numbers(attributes["JOINTS_0"])
+        _check_indices(which, len(joints), "JOINTS_0")
         weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
         homogeneous = np.pad(vertices, ((0, 0), (0, 1)), constant_values=1)
         placed = np.zeros_like(vertices)
@@ -215,15 +220,19 @@ class _Scene:
 
     def _view(self, number: int) -> memoryview:
         view = self.header["bufferViews"][number]
-        start = view.get("byteOffset", 0)
-        return memoryview(self.buffers[view.get("buffer", 0)])[start : start + view["byteLength"]]
+        buffer, start = view.get("buffer", 0), view.get("byteOffset", 0)
+        data, end = self.buffers[buffer] if self.buffers else b"", start + view["byteLength"]
+        return memoryview(_check_length(data, buffer, end))[start:end]
 
     def numbers(self, accessor: int) -> NDArray[Any]:
         """The numbers (count, components) of an accessor; integers that stand for fractions as these."""
         described = self.header["accessors"][accessor]
         numbers, sparse = self._read(described, described), described.get("sparse")
         if sparse is not None:
+            if sparse["count"] > len(numbers):
+                refuse(f"accessors[{accessor}].sparse.count", f"at most {len(numbers)}", sparse["count"])
             at = self._read({"count": sparse["count"], "type": "SCALAR"}, sparse["indices"])
+            _check_indices(at, len(numbers), f"accessors[{accessor}].sparse.indices")
             numbers[at[:, 0]] = self._read({**described, "count": sparse["count"]}, sparse["values"])
         if described.get("normalized", False) and numbers.dtype.kind in "iu":
             numbers = (numbers / np.float32(np.iinfo(numbers.dtype).max)).clip(-1)
@@ -232,13 +241,22 @@ class _Scene:
     def _read(self, shape: Json, place: Json) -> NDArray[Any]:
         """A copy of numbers (count, components); zeros where ``place`` names no view."""
         kind = np.dtype(COMPONENT_TYPES[{**shape, **place}["componentType"]])
-        count, width = read_count(shape, "count"), COMPONENTS[shape["type"]]
+        count, width = shape["count"], COMPONENTS[shape["type"]]
         if "bufferView" not in place:
             return np.zeros((count, width), kind)
-        view = self.header["bufferViews"][place["bufferView"]]
-        strides = view.get("byteStride", width * kind.itemsize), kind.itemsize
-        stored = self._view(place["bufferView"])
-        return np.array(np.ndarray((count, width), kind, stored, place.get("byteOffset", 0), strides))
+        number, start, size = place["bufferView"], place.get("byteOffset", 0), width * kind.itemsize
+        stored, stride = self._view(number), self.header["bufferViews"][number].get("byteStride", size)
+        if stride == 0:
+            refuse(f"bufferViews[{number}].byteStride", "an integer of at least 1", stride)
+        end = start + (stride * (count - 1) + size if count else 0)
+        if end > len(stored):
+            refuse(f"bufferViews[{number}].byteLength", f"at least {end:,} for an accessor's numbers", len(stored))
+        return np.array(np.ndarray((count, width), kind, stored, start, (stride, kind.itemsize)))
+
+
+def _check_indices(indices: NDArray[Any], count: int, place: str) -> None:
+    if indices.dtype.kind not in "iu" or not ((indices >= 0) & (indices < count)).all():
+        raise ValueError(f"the numbers of {place} must be indices below {count}")
 
 
 def _list_triangles(corners: Integers, mode: int) -> Integers:
