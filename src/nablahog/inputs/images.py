@@ -135,6 +135,28 @@ def _largest_value(images: Tensor) -> float:
         return 0
 
 
+def as_gray(name: str, image: object) -> NDArray[np.float64]:
+    """A gray image (H, W), bytes over 255, of a tensor, an array, a PIL image or nested lists; other axes are left.
+
+    Raises:
+        TypeError: its numbers are not real.
+        ValueError: it masks some pixels, or the lengths of its lists differ.
+    """
+    if isinstance(image, Tensor):
+        values = image.detach().cpu()
+    elif is_pil(image):
+        values = as_tensor(name, pil_pixels(name, image))  # type: ignore[arg-type]
+    elif isinstance(image, np.ndarray | list | tuple):
+        values = as_tensor(name, image if isinstance(image, np.ndarray) else np.asarray(image))
+    else:
+        came = describe_type(image, path="PIL.Image.open(path).convert('L')", items=ITEMS)
+        raise TypeError(f"{name} must be an image (H, W), a tensor, an array, a PIL image or nested lists, got {came}")
+    if values.is_complex():
+        raise TypeError(f"{name} must hold real numbers, got {values.dtype}: write image.real")
+    result: NDArray[np.float64] = values.double().numpy()
+    return result / 255 if values.dtype == torch.uint8 else result
+
+
 def as_mask(name: str, mask: object, size: tuple[int, int]) -> Tensor:
     """A mask (H, W) of an image of that size, bool, true somewhere, of a tensor, an array or nested lists.
 

@@ -17,6 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
+from ..inputs.images import as_gray
+from ..inputs.numbers import as_integer
+
 Image: TypeAlias = Tensor | ArrayLike
 GRAY_BINS = 256
 SSIM_WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
@@ -36,9 +39,7 @@ DEFINITIONS = {
 
 
 def _read_pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    if np.ma.is_masked(a) or np.ma.is_masked(b):
-        raise ValueError("expected images without masked pixels, got an array that masks some")
-    first, second = _read_values(a), _read_values(b)
+    first, second = as_gray("the first image", a), as_gray("the second image", b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
         hint = ": write image[0, 0] for each image of a batch" if 4 in (first.ndim, second.ndim) else ""
         raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}{hint}")
@@ -50,11 +51,6 @@ def _clip(image: NDArray[np.float64]) -> NDArray[np.float64]:
     if not (image.min() >= -1e-6 and image.max() <= 1 + 1e-6):
         raise ValueError(f"expected images in 0…1, got values in {image.min():g} … {image.max():g}")
     return image.clip(0, 1)
-
-
-def _read_values(image: Image) -> NDArray[np.float64]:
-    values = image.detach().cpu().numpy() if isinstance(image, Tensor) else np.asarray(image)
-    return values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64)
 
 
 def cross_correlation(a: Image, b: Image) -> float:
@@ -105,6 +101,7 @@ def mutual_information(a: Image, b: Image, bins: int = GRAY_BINS) -> float:
     1.0
     """
     first, second = _read_pair(a, b)
+    bins = as_integer("bins", bins)
     joint, _, _ = np.histogram2d(first.ravel(), second.ravel(), bins=bins, range=((0, 1), (0, 1)))
     shares = (counts[counts > 0] / counts.sum() for counts in (joint.sum(1), joint.sum(0), joint))
     entropy_a, entropy_b, entropy_ab = (float(-(p * np.log2(p)).sum()) for p in shares)
