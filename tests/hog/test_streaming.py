@@ -169,7 +169,7 @@ def test_of_a_pil_image() -> None:
 def test_refused_at_once(image: Any, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         stream(image, presets.uoctti())
-    with pytest.raises(ValueError, match=r"^memory must be a positive integer, in bytes, got "):
+    with pytest.raises(ValueError, match=r"^memory must be an integer of at least 1, got "):
         stream(np.zeros((16, 16), np.uint8), presets.uoctti(), memory=0)
 
 

@@ -135,7 +135,7 @@ def test_what_cannot_be_said_in_other_conventions() -> None:
 def test_coarse_viewpoints_of_pascal3d_have_no_camera() -> None:
     with pytest.raises(ValueError, match="distances above 0"):
         from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64)
-    with pytest.raises(ValueError, match="focal length"):
+    with pytest.raises(ValueError, match="focal, in pixels"):
         from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64)
 
 

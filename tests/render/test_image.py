@@ -162,8 +162,8 @@ def test_depths_and_normals() -> None:
 @pytest.mark.parametrize(
     ("background", "message"),
     [
-        (1.5, "must lie in 0…1, got 1.5"),
-        (math.nan, "must lie in 0…1, got nan"),
+        (1.5, "must be a finite number in 0 … 1, got 1.5"),
+        (math.nan, "must be a finite number in 0 … 1, got nan"),
         (torch.full((1, 1, 48, 40), -0.5), "must lie in 0…1"),
         (torch.full((1, 1, 48, 40), math.nan), "must lie in 0…1"),
         (torch.ones(1, 1, 40, 48), "must be a number or have shape"),

@@ -8,8 +8,9 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 from ..requests.options import integer
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
@@ -82,6 +83,12 @@ def app(commands: argparse._SubParsersAction[Parser]) -> None:
     command.set_defaults(command="app")
 
 
+@cache
+def _null_device() -> TextIO:
+    """What is written there is lost; open as long as the process is."""
+    return open(os.devnull, "w", encoding="utf-8")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command with ``argv``, by default the arguments of this process.
 
@@ -93,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed, or of a program without a console
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
+            setattr(sys, name, _null_device())
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # file names and units need not fit the terminal's encoding
     whole = parser()

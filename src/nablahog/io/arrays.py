@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -212,8 +212,9 @@ def _read_npy(file: InputFile) -> NDArray[Any]:
 
 def _is_pytorch(file: InputFile) -> bool:
     """Whether an archive is what ``torch.save`` writes: tensors that pickled objects refer to."""
-    with file.open() as stream, zipfile.ZipFile(stream) as archive:
+    with suppress(zipfile.BadZipFile), file.open() as stream, zipfile.ZipFile(stream) as archive:
         return any(name.endswith("/data.pkl") for name in archive.namelist())
+    return False
 
 
 def _is_npy(file: InputFile) -> bool:
