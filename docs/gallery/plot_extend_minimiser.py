@@ -14,12 +14,15 @@ from skimage import data
 from torch import Tensor
 
 import nablahog
-from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
+from nablahog.optimize import lbfgs
+from nablahog.optimize.problems import Minimum, ObjectiveFunction, Running, StopReason, Watch
 
 # %%
 # The method
 # ----------
-# Rows of ``start`` are independent problems, each with its own step size and its own lowest point.
+# Rows of ``start`` are independent problems, each with its own step size, its own lowest point and its own end.
+# ``Running`` counts their evaluations, calls ``watch``, and says which rows go on when some have ended. On a GPU rows
+# that have ended stay for a few rounds: with a step of 0 they are evaluated again where they are.
 
 
 def nesterov(
@@ -29,34 +32,53 @@ def nesterov(
     share: float = 0.9,
     first_step: float = 1.0,
     max_evaluations: int = 300,
+    gradient_tolerance: float = 0.0,
+    progress_tolerance: float = 0.0,
+    watch: Watch | None = None,
 ) -> Minimum:
     """Nesterov's accelerated gradient, (B, N) unknowns: the velocity v ← s·v − g, the displacement s·v − g.
 
-    A step grows by 5 % after each new lowest point; after five evaluations without one it is halved, and the search
-    goes on from the lowest point.
+    A step grows by 5 % after each new lowest point; after five evaluations without one, or where the objective is not
+    finite, it is halved, and the search goes on from the lowest point.
     """
-    index = torch.arange(len(start))
     x = best = start
-    value, gradient = objective(x, index)
-    lowest, of_best, history, velocity = value, gradient, [value], torch.zeros_like(x)
-    step, waited = first_step / gradient.norm(dim=1), torch.zeros_like(index)
+    value, gradient = objective(start, torch.arange(len(start), device=start.device))
+    lowest, of_best = value, gradient
+    velocity, waited = torch.zeros_like(x), torch.zeros_like(value)
+    step = first_step / gradient.norm(dim=1).clamp_min(torch.finfo(x.dtype).tiny)
+    running = Running(start, lowest, watch)
     for _ in range(max_evaluations - 1):
         velocity = share * velocity - gradient
         x = x + step[:, None] * (share * velocity - gradient)
-        value, gradient = objective(x, index)
-        history.append(value)
+        value, gradient = objective(x, running.index)
         lower = value < lowest
         lowest = torch.where(lower, value, lowest)
         best = torch.where(lower[:, None], x, best)
         of_best = torch.where(lower[:, None], gradient, of_best)
         waited = torch.where(lower, 0, waited + 1) % 5
-        restart = ~lower & (waited == 0)
+        restart = ~lower & ((waited == 0) | ~value.isfinite())
         step = torch.where(lower, 1.05 * step, torch.where(restart, step / 2, step))
         x = torch.where(restart[:, None], best, x)
         gradient = torch.where(restart[:, None], of_best, gradient)
         velocity = torch.where(restart[:, None], 0, velocity)
-    evaluations = torch.full_like(index, max_evaluations)
-    return Minimum(best, lowest, evaluations, [StopReason.BUDGET] * len(start), torch.stack(history))
+        running.count(lowest)
+        peak = of_best.abs().amax(dim=1)
+        moves = step * peak > torch.finfo(x.dtype).eps * best.abs().amax(dim=1)  # False of NaN
+        running.end(
+            {
+                StopReason.GRADIENT: peak <= gradient_tolerance,
+                StopReason.PROGRESS: running.find_stalled(progress_tolerance),
+                StopReason.LINE_SEARCH: ~moves,
+            }
+        )
+        step = torch.where(running.codes == 0, step, 0)
+        rows = running.look(best, lowest)
+        if rows is not None:
+            x, best, gradient, of_best, velocity = (v[rows] for v in (x, best, gradient, of_best, velocity))
+            lowest, step, waited = lowest[rows], step[rows], waited[rows]
+            if not len(rows):
+                break
+    return running.minimum(best, lowest)
 
 
 # %%
@@ -125,5 +147,5 @@ plt.show()
 # Both explain the descriptor, and both are grainy: what the descriptor does not determine remains noise. How
 # ``reconstruct`` avoids this: :doc:`/reconstruction`.
 #
-# To use it in ``reconstruct`` as ``Search(minimiser="nesterov")``, put it into a file of the folder
-# ``src/nablahog/optimize`` and run ``make generated``, as :doc:`/contributing` says.
+# To use it in ``reconstruct`` as ``Search(minimiser="nesterov")``, copy the function as it is, with its imports, into
+# ``src/nablahog/optimize/nesterov.py`` and run ``make generated``, as :doc:`/contributing` says.

@@ -71,7 +71,10 @@ def test_keywords_are_those_of_the_function(request_type: type, function: Callab
     parameters = inspect.signature(function).parameters
     for each in list_options(request_type):
         if each.keyword:
-            assert parameters[each.name].default == each.default
+            field = f"{request_type.__name__}.{each.name}"
+            keyword = f"keyword `{each.name}`, default {each.default!r}"
+            assert each.name in parameters, f"give {function.__name__} the {keyword}, or take keyword=True from {field}"
+            assert parameters[each.name].default == each.default, f"{function.__name__} and {field} need one default"
 
 
 @pytest.mark.parametrize("message", [HogMessage, InvertMessage, PoseMessage, Fit])
