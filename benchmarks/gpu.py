@@ -28,7 +28,7 @@ from torch import Tensor
 
 from nablahog import hog, presets, reconstruct, train_prior
 from nablahog.hog import HOGSpec
-from nablahog.hog.inputs import DEFAULT_SPECS
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.invert import Search
 from nablahog.optimize import Minimiser
 from nablahog.render import Camera, Mesh, Renderer, depth_and_normals, pose, sample_chairs

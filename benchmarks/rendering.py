@@ -29,7 +29,7 @@ import trimesh
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog
-from nablahog.hog.inputs import DEFAULT_SPECS
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.paper.scenes import CHAIRS
 from nablahog.render import Camera, Light, Mesh, Renderer, pose, pose_vjp
 from nablahog.render.models import Model, read_models

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.descriptor import histograms
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.hog.entries import CellAlignment, cell_entries
-from nablahog.hog.inputs import DEFAULT_SPECS
 
 from .zoo import NORMALIZERS, noise, sized
 

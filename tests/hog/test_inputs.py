@@ -122,6 +122,14 @@ def test_pil_images_of_16_bits() -> None:
     np.testing.assert_allclose(hog(deep, SPEC), hog(levels, SPEC), atol=1e-3)
 
 
+def test_what_is_not_dense_is_refused() -> None:
+    images = torch.zeros(2, 1, 16, 24)
+    for other in (images.to_sparse(), torch.nested.nested_tensor([*images], layout=torch.jagged)):
+        for describe in (lambda x: hog(x, SPEC), lambda x: to_layout(x, SPEC)):
+            with pytest.raises(TypeError, match="must be a dense tensor"):
+                describe(other)
+
+
 def test_what_is_masked_is_not_described() -> None:
     image = np.ma.array(photograph((16, 24)))
     np.testing.assert_array_equal(hog(image, SPEC), hog(image.data, SPEC))

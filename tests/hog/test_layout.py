@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nablahog.hog import HOGSpec, hog, presets
-from nablahog.hog.inputs import DEFAULT_SPECS
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.hog.layout import channel_names, from_layout, native_shape, to_layout
 
 from .zoo import PRESETS, SPECS, integers

@@ -9,7 +9,7 @@ import torch
 from torch.testing import assert_close
 
 from nablahog import HOGLoss, hog, presets
-from nablahog.hog.inputs import DEFAULT_SPECS
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.invert.reconstruction import relative_distance
 
 from .zoo import noise

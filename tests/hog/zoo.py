@@ -20,7 +20,7 @@ from nablahog.hog import (
     HOGSpec,
     presets,
 )
-from nablahog.hog.inputs import DEFAULT_SPECS
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.hog.normalizers import Normalizer
 from nablahog.hog.normalizers.four_block import PARTS
 

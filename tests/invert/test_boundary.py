@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from nablahog import (
     hog,
@@ -86,6 +87,17 @@ def test_halves_are_no_seeds_evaluations_or_weights() -> None:
         template_descriptor(descriptor.half(), "uoctti")
     with pytest.raises(ValueError, match="expected is an option of the default method"):
         reconstruct(descriptor.numpy(), "uoctti", method="paper", expected=np.zeros((64, 64)))
+
+
+def test_a_prior_learns_from_arrays_and_pil_images_as_from_tensors() -> None:
+    levels = (torch.rand(64, 64, generator=torch.Generator().manual_seed(0)) * 255).byte()
+    kinds = levels.float() / 255, levels, levels.numpy(), Image.fromarray(levels.numpy())
+    weights = [train_prior({"a": image}, "uoctti", epochs=1, seed=np.int64(0)).weights for image in kinds]
+    assert all(torch.equal(weights[0], same) for same in weights[1:])
+    with pytest.raises(TypeError, match="images must be a dict of images by name, got list: write "):
+        train_prior([levels], "uoctti", epochs=1)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"a must be gray, \(H, W\), got shape"):
+        train_prior({"a": levels[None]}, "uoctti", epochs=1)
 
 
 def test_samples_in_several_threads_are_those_of_one() -> None:

@@ -12,8 +12,8 @@ from torch import Tensor
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, HOGSpec
 from nablahog.hog.descriptor import histograms
+from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.hog.gradient import gradient
-from nablahog.hog.inputs import DEFAULT_SPECS
 from nablahog.hog.normalizers.four_block import Outside, Texture
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search

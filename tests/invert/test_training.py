@@ -152,10 +152,10 @@ def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
     camera, start = images["camera"], trained(images, "unsigned", epochs=1)
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {}}, "expected images to learn from, got none"),
-        ({"images": {"a": camera[:31]}}, "a: expected at least 32x32 pixels, got 31x48"),
-        ({"images": {"a": camera * 255}}, "a: expected gray values in 0…1"),
-        ({"images": {"a": camera * torch.nan}}, "a: .* got nan"),
-        ({"epochs": 0}, "epochs must be at least 1"),
+        ({"images": {"a": camera[:31]}}, "a must have at least 32x32 pixels, got 31x48"),
+        ({"images": {"a": camera * 255}}, "a must have gray values in 0…1"),
+        ({"images": {"a": camera * torch.nan}}, "a must .* got nan"),
+        ({"epochs": 0}, "epochs must be an integer of at least 1"),
         ({"precision": "float16"}, "precision must be one of"),
         ({"architecture": Architecture((8, 8), (0, 0))}, "a prior for signed descriptors has 3 widths"),
         ({"start": start}, "the prior is for unsigned descriptors"),

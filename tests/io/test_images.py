@@ -19,6 +19,7 @@ import torch
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
+from nablahog.inputs.images import as_images
 from nablahog.io.images import draw_polygons, image_endings, limit_size, read_exif_focal, read_image, write_image
 from nablahog.io.pixels import prepare_pillow
 
@@ -192,6 +193,21 @@ def test_previews_of_raw_photographs_are_refused(tmp_path: Path, with_parts: boo
         tiff.write(np.zeros((64, 64), np.uint16), photometric="cfa" if with_parts else "minisblack", subfiletype=0)
     with pytest.raises(ValueError, match="its first image is a preview, as in raw photographs"):
         read_image(path)
+    with Image.open(path) as image, pytest.raises(ValueError, match="its first image is a preview"):
+        as_images("images", image)
+
+
+@pytest.mark.parametrize("orientation", [1, 3])
+@pytest.mark.parametrize("photometric", ["miniswhite", "minisblack"])
+def test_images_that_people_have_opened_are_those_of_the_file(
+    tmp_path: Path, photometric: Any, orientation: int
+) -> None:
+    tags = [(0x0112, "H", 1, orientation, True)]
+    levels = RAMP.astype(np.uint16) * 257
+    tifffile.imwrite(tmp_path / "a.tif", levels, photometric=photometric, extratags=tags)
+    with Image.open(tmp_path / "a.tif") as image:
+        opened, _ = as_images("images", image)
+    torch.testing.assert_close(opened[0], read_image(tmp_path / "a.tif"), rtol=0, atol=0)
 
 
 def test_no_picture(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from ..hog.descriptor import hog
-from ..hog.inputs import as_spec
+from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import check_unmasked
 from ..inputs.numbers import as_size

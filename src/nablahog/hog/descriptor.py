@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Literal, TypeAlias, overload
 
 import torch
@@ -10,12 +11,12 @@ from torch import Tensor, nn
 from torch.autograd import forward_ad
 
 from ..inputs.arrays import to_array
-from ..inputs.images import WHITE, ArrayImage, as_images
+from ..inputs.images import WHITE, ArrayImage, as_images, warn_about_levels
 from ..inputs.numbers import check_choice
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
+from .dialects import as_spec
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
-from .inputs import as_spec, warn_about_range
 from .kernels.loops import find_loops
 from .kernels.tables import ImageTables
 from .layout import to_layout
@@ -25,6 +26,7 @@ from .steps import histograms_reference, merge_colours, normalize_reference, sep
 Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
 HALVES = (torch.float16, torch.bfloat16)
+_CALLER = 4  # frames up: those of the warning and its caller here, the operator, and the line that called it
 
 
 @overload
@@ -92,7 +94,7 @@ def hog(
     _check(values, spec, backend)
     values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
     if not is_traced(values):
-        warn_about_range(values, spec)
+        _warn_about_range(values, spec)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
@@ -103,8 +105,6 @@ def hog(
 
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
-    if images.is_nested:
-        raise TypeError("images must be a torch tensor (B, C, H, W), got a nested one: write one call for each of them")
     # these channels would be columns, too few for a cell
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
     if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
@@ -124,6 +124,29 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{write}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
+
+
+def _warn_about_range(images: Tensor, spec: HOGSpec) -> None:
+    """Warns of images (B, C, H, W) whose range or channels are seldom meant; by Python's default filter once a line.
+
+    Other devices than the CPU are not waited for.
+    """
+    channels = images.shape[1]
+    if channels == COLOURS + 1:
+        _warn(
+            "images have 4 channels, and each of them is described; of RGBA images drop the last, write images[:, :3], "
+            "or pass a PIL image, which is put over white"
+        )
+    if channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
+        _warn(
+            "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
+            "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
+        )
+    warn_about_levels(images, stacklevel=_CALLER)
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, UserWarning, stacklevel=_CALLER)
 
 
 class HOG(nn.Module):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from ..inputs.arrays import Descriptors, as_descriptors, to_array
+from ..inputs.arrays import Descriptors, as_descriptors, check_dense, to_array
 from ..inputs.numbers import as_size
-from .inputs import as_spec
+from .dialects import as_spec
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec
 
@@ -83,6 +83,7 @@ def to_layout(descriptor: Descriptors, spec: HOGSpec | str) -> Descriptors:
     if not isinstance(descriptor, Tensor):
         tensor, single = as_descriptors("the descriptor", descriptor)
         return to_array(to_layout(tensor, spec), single)
+    check_dense("the descriptor", descriptor)
     if descriptor.dim() != 4 or descriptor.shape[3] != spec.channels:
         raise ValueError(
             f"{spec.named} descriptor must have shape (B, rows, cols, {spec.channels}), got {tuple(descriptor.shape)}"
@@ -120,6 +121,7 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         tensor, _ = as_descriptors("the descriptor", native)
         single = tuple(native.shape) in (expected, (math.prod(expected),))
         return to_array(from_layout(tensor.reshape(1, *native.shape) if single else tensor, spec, image_size), single)
+    check_dense("the descriptor", native)
     shapes = (expected, (math.prod(expected),))
     if tuple(native.shape[1:]) not in shapes:
         raise ValueError(

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ..inputs.numbers import check_choice
 from .descriptor import HALVES, hog
-from .inputs import as_spec
+from .dialects import as_spec
 from .spec import HOGSpec
 
 Reduction: TypeAlias = Literal["mean", "sum", "none"]

@@ -17,7 +17,7 @@ from ..inputs.numbers import as_integer
 from ..inputs.pil_images import is_pil, pil_pixels
 from ..runtime.text import describe_type
 from .descriptor import histograms, normalize
-from .inputs import as_spec
+from .dialects import as_spec
 from .kernels.loops import add_energy
 from .spec import HOGSpec
 from .steps import spread_nan

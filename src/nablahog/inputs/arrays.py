@@ -22,10 +22,11 @@ def as_descriptors(name: str, descriptor: object) -> tuple[Tensor, bool]:
     can be written to.
 
     Raises:
-        TypeError: it is neither a tensor nor an array of real numbers.
+        TypeError: it is neither a dense tensor nor an array of real numbers.
         ValueError: it is an array that masks some entries.
     """
     if isinstance(descriptor, Tensor):
+        check_dense(name, descriptor)
         return descriptor, False
     if not isinstance(descriptor, np.ndarray):
         came = describe_type(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
@@ -49,6 +50,20 @@ def as_tensor(name: str, array: NDArray[Any]) -> Tensor:
     native = np.require(array, dtype, ["W"])
     even = all(step >= 0 and step % native.itemsize == 0 for step in native.strides)
     return torch.from_numpy(native if even else native.copy())
+
+
+def check_dense(name: str, tensor: Tensor) -> None:
+    """Raises TypeError for a nested or sparse tensor, whose numbers the loops cannot read."""
+    if tensor.is_nested:
+        raise TypeError(f"{name} must be a dense tensor, got a nested one: write one call for each of its parts")
+    if tensor.layout is not torch.strided:
+        raise TypeError(f"{name} must be a dense tensor, got {tensor.layout}: write tensor.to_dense()")
+
+
+def check_values(name: str, tensor: Tensor) -> None:
+    """Raises ValueError for a tensor on the device meta, which has a shape and no values."""
+    if tensor.is_meta:
+        raise ValueError(f"{name} must have values, got a tensor on the device meta: pass one on the CPU or a GPU")
 
 
 def check_unmasked(name: str, array: object) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..runtime.text import describe_type
-from .arrays import ITEMS, as_tensor
+from .arrays import ITEMS, as_tensor, check_dense
 from .pil_images import is_pil, pil_pixels
 
 if TYPE_CHECKING:
@@ -35,16 +35,18 @@ WHITE = "; divide by the value of white: write images / 65535 for 16 bits, image
 
 
 def as_images(name: str, images: object) -> tuple[Tensor, bool]:
-    """Images (B, C, H, W) of a tensor, which is left as it is, an array or a PIL image; and whether it was a single.
+    """Images (B, C, H, W) of a tensor, which is left as it is, an array or a PIL image; and whether it was one image
+    without the axis B.
 
     Shares the memory of arrays that can be written to.
 
     Raises:
-        TypeError: it is none of them, or its numbers are not real.
+        TypeError: it is none of them, a tensor is nested or sparse, or the numbers of an array are not real.
         ValueError: the axes of an array are not (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3; it masks some pixels;
             or the levels of a PIL image are none of a photograph.
     """
     if isinstance(images, Tensor):
+        check_dense(name, images)
         return images, False
     if is_pil(images):
         array = pil_pixels(name, images)  # type: ignore[arg-type]
@@ -143,6 +145,7 @@ def as_gray(name: str, image: object) -> NDArray[np.float64]:
         ValueError: it masks some pixels, or the lengths of its lists differ.
     """
     if isinstance(image, Tensor):
+        check_dense(name, image)
         values = image.detach().cpu()
     elif is_pil(image):
         values = as_tensor(name, pil_pixels(name, image))  # type: ignore[arg-type]

@@ -28,14 +28,9 @@ def as_integer(name: str, value: object, least: int = 1, most: int | None = None
     plain = as_plain(value)
     if type(plain) is not int or plain < least or (most is not None and plain > most):
         allowed = f"of at least {least:,}" if most is None else f"in {least:,} … {most:,}"
-        write = f": write {int(plain)}" if type(plain) is float and plain == int_or_nan(plain) else ""
+        write = f": write {int(plain)}" if isinstance(plain, float) and plain.is_integer() else ""
         raise ValueError(f"{name} must be an integer {allowed}, got {shortened(value)}{write}")
     return plain
-
-
-def int_or_nan(value: float) -> float:
-    """The integer part of a float, or NaN if it is not finite."""
-    return int(value) if math.isfinite(value) else math.nan
 
 
 def as_number(
@@ -56,6 +51,11 @@ def as_number(
             allowed = [f" in {least:g} … {most:g}"]
         raise ValueError(f"{name} must be a finite number{' and'.join(allowed)}, got {shortened(value)}")
     return float(plain)
+
+
+def as_seed(seed: object) -> int:
+    """A seed of PyTorch's generators."""
+    return as_integer("seed", seed, -(2**63), 2**64 - 1)
 
 
 def is_finite(value: object) -> bool:

@@ -1,4 +1,4 @@
-"""The pixels of PIL images as floats in 0…1, a strip of rows at a time: the whole is never copied as floats.
+"""The pixels of PIL images, a strip of rows at a time, so that a file can be shrunk without the whole as floats.
 
 All that reads photographs goes through here, files and images that people have opened themselves, so that both give the
 same numbers: upright (EXIF orientation), over white where they are transparent, of 8 or 16 bits or floats.
@@ -23,13 +23,27 @@ _GRAY_MODES = ("1", "L", "LA", "La")
 _WHITE_IS_ZERO = 0  # as TIFF's tag has it
 _FILTER_OVERSHOOT = 0.1  # of filters, as a fraction of the largest level: it is clipped
 _BRIGHTEST_OF_255 = 16.0  # least highest level in 0…255: else the image would be black, or of high dynamic range
-_BITS_PER_SAMPLE, _PHOTOMETRIC_INTERPRETATION, _SAMPLE_FORMAT = 258, 262, 339  # tags of TIFF
+_SMALLER = 1  # of an image that stands for a larger one, as TIFF's tag has it
+_KIND_OF_IMAGE, _BITS_PER_SAMPLE, _PHOTOMETRIC_INTERPRETATION, _SAMPLE_FORMAT = 254, 258, 262, 339  # tags of TIFF
+_SMALLER_IMAGES = 330  # the tag SubIFDs
+PREVIEW = "its first image is a preview, as in raw photographs; develop or convert it first, and save it as PNG"
 
 
 def is_pil(image: object) -> bool:
     """True for a PIL image.  Does not import PIL."""
     pil = sys.modules.get("PIL.Image")
     return pil is not None and isinstance(image, pil.Image)
+
+
+def tiff_tags(image: Image) -> dict[int, Any]:
+    """The tags of an image from a TIFF file; none of others, or of what Pillow has made of one."""
+    return getattr(image, "tag_v2", {})
+
+
+def is_preview(image: Image) -> bool:
+    """Whether the image, the first of a TIFF file, stands for a larger one in the file, as that of a raw photograph."""
+    tags = tiff_tags(image)
+    return tags.get(_KIND_OF_IMAGE) == _SMALLER and (_SMALLER_IMAGES in tags or getattr(image, "n_frames", 1) > 1)
 
 
 def upright(image: Image) -> Image:
@@ -48,19 +62,21 @@ def pil_pixels(name: str, image: Image) -> NDArray[Any]:
     They are uint8 where the image has 8 bits a channel and nothing transparent, else float32 in 0…1.
 
     Raises:
-        ValueError: its levels are none of a photograph; or it has integers of 32 bits (mode I) and comes from no file,
-            so that nothing says which of them is white.
+        ValueError: its levels are none of a photograph; it is the preview of a raw one; or it has integers of 32 bits
+            (mode I) and comes from no file, so that nothing says which of them is white.
     """
+    if is_preview(image):
+        raise ValueError(f"{name} as a PIL image: {PREVIEW}")
     if image.mode == "I" and image.format is None:
         raise ValueError(
             f"{name} as a PIL image of mode I says nothing about white: write np.asarray(image, np.float32) / 65535, "
             "or / 255 if white is 255"
         )
-    image = upright(image)
+    image, tags = upright(image), tiff_tags(image)
     if has_8_bits(image) and not image.has_transparency_data:
         return np.array(image.convert("L" if image.mode in _GRAY_MODES else "RGB"))
     try:
-        pixels = np.concatenate(list(pixel_values(image)))
+        pixels = np.concatenate(list(pixel_values(image, tags)))
     except ValueError as error:
         raise ValueError(f"{name} as a PIL image of mode {image.mode}: {error}") from None
     return pixels[..., 0] if pixels.shape[-1] == 1 else pixels
@@ -72,8 +88,12 @@ def has_8_bits(image: Image) -> bool:
     return image.mode not in ("I", "F") and not image.mode.startswith("I;16")
 
 
-def pixel_values(image: Image) -> Iterator[NDArray[np.float32]]:
+def pixel_values(image: Image, tags: dict[int, Any]) -> Iterator[NDArray[np.float32]]:
     """Strips (rows, W, C) of some rows, in 0…1, from the top; C is 1 for gray images, or 3.
+
+    Args:
+        image: upright.
+        tags: those of its TIFF file, :func:`tiff_tags`, which a turned image has lost.
 
     Raises:
         ValueError: the levels are none of those that :func:`nablahog.io.images.read_image` takes.
@@ -81,7 +101,6 @@ def pixel_values(image: Image) -> Iterator[NDArray[np.float32]]:
     if has_8_bits(image):
         yield from map(_scale_8_bits, _cut_strips(image))
         return
-    tags: dict[int, Any] = getattr(image, "tag_v2", {})
     # Pillow reads unsigned numbers of 32 bits as signed ones
     unsigned = tags.get(_BITS_PER_SAMPLE) == (32,) and tags.get(_SAMPLE_FORMAT, (1,)) == (1,)
     kind = np.uint32 if image.mode == "I" and unsigned else None

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.images import ArrayImage, as_images
+from ..inputs.arrays import check_values
+from ..inputs.images import WHITE, ArrayImage, as_images
 from ..inputs.numbers import as_integer, as_number, as_size, check_choice
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
@@ -29,7 +30,8 @@ def check_floats(name: str, tensor: object) -> None:
 
 
 def check_finite(name: str, tensor: Tensor) -> None:
-    """Raises ValueError if ``tensor`` holds NaN or Inf."""
+    """Raises ValueError if ``tensor`` holds NaN or Inf, or no values."""
+    check_values(name, tensor)
     if not torch.isfinite(tensor).all():
         raise ValueError(f"{name} must be finite, got NaN or Inf")
 
@@ -63,22 +65,16 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     return height, width
 
 
-def as_seed(seed: object) -> int:
-    """A seed of PyTorch's generators."""
-    return as_integer("seed", seed, -(2**63), 2**64 - 1)
-
-
-def check_images(
+def convert_images(
     name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
 ) -> Tensor | None:
     """``images`` in the descriptor's dtype and on its device; their square roots if the spec has ``gamma="sqrt"``."""
     if images is None:
         return None
-    if not isinstance(images, Tensor):
-        images, _ = as_images(name, images)
-        images = images / 255 if images.dtype == torch.uint8 else images
+    images, _ = as_images(name, images)
+    images = images / 255 if images.dtype == torch.uint8 else images
     if not images.is_floating_point():
-        raise TypeError(f"{name} must be floating-point, got {images.dtype}")
+        raise TypeError(f"{name} must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{WHITE}")
     if images.shape != (len(descriptor), 1, *size):
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     check_finite(name, images)

@@ -17,19 +17,18 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..hog.descriptor import hog
-from ..hog.inputs import as_spec
+from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import Descriptors, as_descriptors
-from ..inputs.numbers import as_integer, as_plain, as_size
+from ..inputs.numbers import as_integer, as_plain, as_seed, as_size
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,
     Objective,
     Search,
     as_published,
-    as_seed,
     check_descriptor,
-    check_images,
+    convert_images,
     find_quality,
 )
 from .choices import InversionMethod
@@ -172,7 +171,7 @@ def reconstruct_multiscale(
             before = enlarge(levels[-1].reconstruction.image, *level.size)
             start, expected = (before, None) if spec.signed or published is not None else (None, before)
         start, expected = (
-            check_images("start", images, level.descriptor, level.size, level.spec) for images in (start, expected)
+            convert_images("start", images, level.descriptor, level.size, level.spec) for images in (start, expected)
         )
         report = _report(progress, settings, number)
         if isinstance(level.options, AsPublished):

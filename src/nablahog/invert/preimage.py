@@ -14,19 +14,19 @@ import torch
 from torch import Tensor
 
 from ..hog.descriptor import hog
-from ..hog.inputs import as_spec
+from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import Descriptors, as_descriptors
 from ..inputs.images import ArrayImage
+from ..inputs.numbers import as_seed
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
     AsPublished,
     Objective,
     Search,
     as_published,
-    as_seed,
     check_descriptor,
-    check_images,
+    convert_images,
     find_quality,
 )
 from .choices import InversionMethod, QualityName
@@ -142,14 +142,14 @@ def reconstruct(
         search=(search, Search()),
         objective=(objective, Objective()),
     )
-    start = check_images("start", start, targets, size, spec)
+    start = convert_images("start", start, targets, size, spec)
     targets = targets.detach()
     if published is not None:
         result = reconstruct_as_published(
             targets, spec, size, published, seed=seed, start=start, progress=progress, watch=watch
         )
         return convert_like(result, descriptor)
-    expected = check_images("expected", expected, targets, size, spec)
+    expected = convert_images("expected", expected, targets, size, spec)
     learned = as_priors(prior, spec, by_default=expected is None and search.samples is None)
     if learned is not None and expected is not None:
         raise ValueError("expected images and a prior contradict each other: give one of them")

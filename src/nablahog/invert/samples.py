@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..hog.inputs import as_spec
+from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.numbers import as_integer
+from ..inputs.arrays import as_descriptors
+from ..inputs.numbers import as_integer, as_seed
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, as_seed, check_descriptor
+from .arguments import Objective, Search, check_descriptor
 from .choices import QualityName
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, as_priors
@@ -76,6 +77,7 @@ def reconstruct_samples(
     learned = as_priors(prior, spec)
     if learned is None:
         raise TypeError("prior must be a LearnedPrior, a list of these or 'default', got None")
+    descriptor, _ = as_descriptors("the descriptor", descriptor)
     size = check_descriptor(descriptor, spec, image_size)
     descriptor = descriptor.detach()
     result = search_preimages(

@@ -13,8 +13,8 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..hog.dialects import as_spec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import as_spec
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..inputs.arrays import Descriptors, as_descriptors, to_array

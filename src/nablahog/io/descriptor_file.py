@@ -16,10 +16,10 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..hog.inputs import as_spec
+from ..hog.dialects import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
-from ..inputs.arrays import as_descriptors
+from ..inputs.arrays import as_descriptors, check_values
 from ..inputs.numbers import as_size
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
@@ -113,6 +113,7 @@ def save_descriptor(
     """
     spec = as_spec(spec)
     tensor, is_single = as_descriptors("the descriptor", descriptor)
+    check_values("the descriptor", tensor)
     values = (tensor[0] if is_single else tensor).detach().cpu().resolve_neg()
     stored = StoredDescriptor(values, spec, as_size("image_size", image_size))
     arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}

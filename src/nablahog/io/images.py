@@ -17,7 +17,7 @@ from PIL import ExifTags, Image, ImageDraw, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
-from ..inputs.pil_images import has_8_bits, pixel_values
+from ..inputs.pil_images import has_8_bits, pixel_values, tiff_tags
 from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
@@ -108,11 +108,11 @@ def _assemble(image: Image.Image, size: int, as_bytes: bool) -> Tensor:
     """(C, H, W) of an image; each strip is as narrow as the result before the next one is converted."""
     height, width = _limit(image.height, image.width, size)
     keeps_bytes = as_bytes and has_8_bits(image) and (height, width) == (image.height, image.width)
-    narrow, row = torch.empty(0), 0
-    for values in pixel_values(image):
+    narrow, row, dtype = torch.empty(0, device="cpu"), 0, torch.uint8 if keeps_bytes else torch.float32
+    for values in pixel_values(image, tiff_tags(image)):
         strip = torch.from_numpy(values).movedim(-1, 0)
         if not row:
-            narrow = torch.empty(len(strip), image.height, width, dtype=torch.uint8 if keeps_bytes else torch.float32)
+            narrow = torch.empty(len(strip), image.height, width, dtype=dtype, device="cpu")
         narrow[:, row : row + len(values)] = (
             (strip * 255).round() if keeps_bytes else _resize(strip, len(values), width)
         )

@@ -9,8 +9,9 @@ from functools import cache
 from typing import Any
 
 from PIL import Image, ImageOps
-from PIL.TiffImagePlugin import BITSPERSAMPLE, PLANAR_CONFIGURATION, SUBIFD
+from PIL.TiffImagePlugin import BITSPERSAMPLE, PLANAR_CONFIGURATION
 
+from ..inputs.pil_images import PREVIEW, is_preview, tiff_tags
 from ..runtime.text import one_line
 from .input_file import InputFile
 
@@ -19,7 +20,6 @@ PIXELS_VARIABLE = "NABLAHOG_MAX_PIXELS"
 _PLANES = 2  # as TIFF's tag has it
 _JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _JPEG_2000 = (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")  # alone or in boxes; its end is that of JPEG
-_KIND_OF_IMAGE, _SMALLER = 254, 1  # TIFF's tag NewSubfileType, and its value for an image that stands for a larger one
 _CANON = slice(8, 10), b"CR"  # in the head of a CR2 file, whose first image is a JPEG preview
 
 
@@ -68,24 +68,15 @@ def _open(data: bytes) -> Image.Image:
     with Image.open(io.BytesIO(data)) as image:
         if image.format == "EPS":
             raise ValueError("PostScript is a program, which is never run; convert it to PNG first")
-        tags: dict[int, Any] = getattr(image, "tag_v2", {})
-        if tags and _is_preview(image, tags, data):
-            raise ValueError(
-                "its first image is a preview, as in raw photographs; develop or convert it first, and save it as PNG"
-            )
+        tags = tiff_tags(image)
+        if is_preview(image) or (tags and data[_CANON[0]] == _CANON[1]):
+            raise ValueError(PREVIEW)
         if tags.get(PLANAR_CONFIGURATION) == _PLANES and set(tags.get(BITSPERSAMPLE, ())) == {16}:
             _read_16_bits(image)
         image.load()
         with suppress(Exception):  # damaged EXIF data says nothing about the pixels
             ImageOps.exif_transpose(image, in_place=True)  # without a copy, which may be large
     return image
-
-
-def _is_preview(image: Image.Image, tags: dict[int, Any], data: bytes) -> bool:
-    """Whether the first image of a TIFF file stands for a larger one in the file."""
-    if data[_CANON[0]] == _CANON[1]:
-        return True
-    return tags.get(_KIND_OF_IMAGE) == _SMALLER and (SUBIFD in tags or getattr(image, "n_frames", 1) > 1)
 
 
 def _read_16_bits(image: Any) -> None:

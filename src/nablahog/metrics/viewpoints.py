@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..inputs.numbers import as_plain, shortened
+
 VIEW_COUNTS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
 
 
@@ -139,7 +141,9 @@ def _rotations(angles: ArrayLike) -> NDArray[np.float64]:
 
 
 def _read_angles(angle: ArrayLike) -> NDArray[np.float64]:
-    values = np.asarray(angle, dtype=np.float64)
+    values = np.asarray(as_plain(angle))
+    if values.dtype.kind not in "uif":
+        raise TypeError(f"expected angles in degrees, numbers or arrays of them, got {shortened(angle)}")
     if not np.isfinite(values).all():
         raise ValueError("expected angles in degrees, got NaN or infinity")
-    return values
+    return values.astype(np.float64)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.descriptor import histograms, normalize
+from ..hog.dialects import as_spec
 from ..hog.gradient import gray
-from ..hog.inputs import as_spec
 from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import as_tensor

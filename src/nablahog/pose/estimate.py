@@ -7,7 +7,6 @@ exhaustive one that it is compared with.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, NamedTuple
@@ -20,7 +19,7 @@ from torch import Tensor
 from ..inputs.boxes import Box, as_box
 from ..inputs.cameras import as_focal
 from ..inputs.images import ArrayImage, as_mask, as_photograph, warn_about_levels
-from ..inputs.numbers import as_integer, as_number, as_numbers, check_choice
+from ..inputs.numbers import as_number, as_numbers, as_seed, check_choice
 from ..inputs.pil_images import is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
@@ -195,7 +194,7 @@ def estimate_pose(
     image, view = as_photograph("the photograph", photograph), _as_view(initial)
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
     lens = choose_lens(photograph, focal, principal_point, image)
-    generator = torch.Generator().manual_seed(as_integer("seed", seed, -sys.maxsize - 1, 2 * sys.maxsize + 1))
+    generator = torch.Generator().manual_seed(as_seed(seed))
     box = None if box is None else as_box("the box", box)
     if mask is not None:
         image, box = apply_mask(image, as_mask("the mask", mask, (image.shape[1], image.shape[2])), box)

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 from PIL import Image
 
-from ..inputs.pil_images import has_8_bits, pixel_values
+from ..inputs.pil_images import has_8_bits, pixel_values, tiff_tags
 from ..io.files import local_name
 from .soup import Floats, as_utf8, to_gray
 
@@ -101,7 +101,7 @@ class CompanionFiles:
             if has_8_bits(texture):
                 texture = texture.convert("RGB")
             else:  # which convert() would clip
-                texture = Image.fromarray(np.concatenate(list(pixel_values(texture)))[..., 0])
+                texture = Image.fromarray(np.concatenate(list(pixel_values(texture, tiff_tags(texture))))[..., 0])
             texture.thumbnail((TEXTURE, TEXTURE), Image.Resampling.BOX)
             small = np.asarray(texture)
             return to_gray(small if small.ndim == 3 else small[..., None].repeat(3, axis=2))

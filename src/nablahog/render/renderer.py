@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from ..inputs.arrays import check_values
 from ..inputs.images import as_images
 from ..inputs.numbers import as_integer, as_number, check_choice
 from ..runtime.pytorch import run_in_threads
@@ -173,11 +174,11 @@ class Renderer:
 
     def _background(self, background: float | Tensor, poses: Tensor) -> Tensor:
         height, width = self.camera.height, self.camera.width
-        if isinstance(background, np.ndarray) and background.ndim:
-            background, _ = as_images("the background", background)
-        if not isinstance(background, Tensor) or not background.dim():
-            background = as_number("the background", background, 0, 1)
-            return torch.full((1, height, width), background, dtype=torch.float32, device=poses.device)
+        if not getattr(background, "ndim", 0):
+            level = as_number("the background", background, 0, 1)
+            return torch.full((1, height, width), level, dtype=torch.float32, device=poses.device)
+        background, _ = as_images("the background", background)
+        check_values("the background", background)
         if background.shape not in ((1, 1, height, width), (len(poses), 1, height, width)):
             raise ValueError(
                 f"the background must be a number or have shape (1 or {len(poses)}, 1, {height}, {width}), "
@@ -185,8 +186,6 @@ class Renderer:
             )
         if background.dtype not in (torch.float32, torch.float64):
             raise ValueError(f"the background must be float32 or float64, got {background.dtype}")
-        if background.layout != torch.strided or background.is_meta:
-            raise ValueError("the background must be a plain tensor: write background.to_dense() of a sparse one")
         background = background.resolve_neg()
         low, high = background.detach().aminmax()
         if not (low >= -_ROUNDING and high <= 1 + _ROUNDING):  # NaN fails too

@@ -44,9 +44,9 @@ def integer(least: int = 1, most: int = 10**18 - 1) -> Kind:
     """An integer in ``least`` … ``most``."""
 
     def read(text: str) -> int:
-        if not re.fullmatch(r"\d{1,18}", text) or int(text) < least:
+        if not text.isdecimal() or (len(text) < 19 and int(text) < least):
             raise ValueError(f"expected an integer of at least {least}, got {text!r}")
-        if int(text) > most:
+        if len(text) > 18 or int(text) > most:
             raise ValueError(f"expected an integer of at most {most}, got {text!r}")
         return int(text)
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..hog import HOGSpec
+from ..hog.dialects import as_spec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
-from ..hog.inputs import as_spec
 from ..hog.orientation import bin_angles
-from ..inputs.arrays import as_descriptors
+from ..inputs.arrays import as_descriptors, check_values
+from ..inputs.numbers import as_integer
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode
 
@@ -40,6 +41,7 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
         ValueError: the shape is none of the spec's.
     """
     values, is_single = as_descriptors("the descriptor", descriptor)
+    check_values("the descriptor", values)
     values = (values[0] if is_single else values).detach().cpu()
     if values.ndim != 3 or values.shape[2] != spec.channels:
         raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}")
@@ -107,8 +109,7 @@ def _votes_and_strokes(
     descriptor: Picture, spec: HOGSpec, cell_pixels: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The votes (rows, cols, n) in 0…1 and the strokes (n, height, width) of a cell in the picture."""
-    if cell_pixels < 1:
-        raise ValueError(f"cell_pixels must be at least 1, got {cell_pixels}")
+    cell_pixels = as_integer("cell_pixels", cell_pixels)
     votes, angles = edge_votes(descriptor, spec)
     strongest = votes.max(axis=2, initial=0.0)
     if strongest.any():

@@ -107,7 +107,7 @@ def test_what_cannot_be_learned_from() -> None:
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {"a": camera[:18, :16]}}, r"at least two windows of 16x16 pixels, 4 apart, got 18x16"),
         ({"images": {"a": camera, "b": camera[1:]}}, "of one size, but a has 64x64 pixels, b 63x64"),
-        ({"images": {"a": camera * 255}}, "a: expected gray values in 0…1"),
+        ({"images": {"a": camera * 255}}, "a must have gray values in 0…1"),
         ({"images": {"a": camera[:20, :20]}}, r"at least 39 windows with contrast to find 40 words, got 8"),
         ({"words": 1}, "words must be 2 … 32767, got 1"),
         ({"patch": 17}, "a patch must be 16 pixels wide, or an even number more, got 17"),

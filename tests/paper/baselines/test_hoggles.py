@@ -203,7 +203,7 @@ def test_the_seed_decides() -> None:
 def test_what_cannot_be_learned_from() -> None:
     camera = photograph(64)[0, 0]
     wrong: list[tuple[dict[str, Any], str]] = [
-        ({"images": {"a": camera[:27]}}, "a: expected at least 28x28 pixels, got 27x64"),
+        ({"images": {"a": camera[:27]}}, "a must have at least 28x28 pixels, got 27x64"),
         ({"images": {"a": torch.full((64, 64), 0.5)}}, "at least 5 windows of 5x5 cells .* got 0 of 100"),
         ({"atoms": 0}, "atoms must be at least 1, got 0"),
         ({"sparsity": float("nan")}, "sparsity must be a finite number above 0, got nan"),

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 import torch
 from torch import Tensor
 
-from ...hog.inputs import as_spec
+from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ..arguments import check_descriptor

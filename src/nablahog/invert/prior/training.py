@@ -16,9 +16,10 @@ from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 from torch.optim.lr_scheduler import OneCycleLR
 
-from ...hog.inputs import as_spec
+from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
-from ...inputs.numbers import check_choice
+from ...inputs.images import ArrayImage
+from ...inputs.numbers import as_integer, check_choice
 from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
@@ -26,7 +27,7 @@ from ...io.learner import Learner
 from ...runtime.pytorch import in_float32, in_plain_mode, seeded
 from ..histograms import linear_vote_spec
 from .learned import LearnedPrior, network_class
-from .provenance import NetworkLearning, check_images, digest_of_images, digest_of_weights
+from .provenance import NetworkLearning, digest_of_images, digest_of_weights, gray_photographs
 from .signed_network import Architecture
 from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 
@@ -51,7 +52,7 @@ def default_precision(device: torch.device) -> Precision:
 
 @in_plain_mode
 def train_prior(
-    images: Mapping[str, Tensor],
+    images: Mapping[str, Tensor | ArrayImage],
     spec: HOGSpec | str,
     *,
     epochs: int | None = None,
@@ -73,7 +74,8 @@ def train_prior(
     as PyTorch, its number of threads and the device stay the same.
 
     Args:
-        images: (H, W) each, float32 in 0…1, by name; of a large folder each is drawn less often.
+        images: gray ones by name, (H, W) each, tensors or arrays in 0…1 or uint8, or PIL images; of a large folder each
+            is drawn less often.
         spec: a dialect of the descriptors that it is for, or the name of a preset with its defaults.
         epochs: each of at most as many windows as images; by default as many as give 90,000 windows in all, or
             300,000 for unsigned descriptors.
@@ -90,6 +92,7 @@ def train_prior(
         progress: called with the steps done, their number, and epoch and loss.
 
     Raises:
+        TypeError: ``images`` is no dict, or has something that is no image.
         ValueError: there are no images, or one is too small or holds other values; there can be no prior for the spec;
             there is no such preset or precision; ``start`` is for others, or has another architecture; ``epochs`` is
             below 1; the checkpoint is damaged or of another training; the training diverges.
@@ -112,14 +115,14 @@ def train_prior(
     network.check(architecture)
     precision = precision or default_precision(device)
     check_choice("precision", precision, Precision)
-    names = check_images(images, (least_side(spec.cell_size[0]),) * 2)
+    photographs = gray_photographs(images, (least_side(spec.cell_size[0]),) * 2)
+    seed = as_integer("seed", seed, least=0)
     kind = SignedTraining if linear_vote_spec(spec).signed else UnsignedTraining
-    training = kind({name: images[name] for name in names}, seed)
+    training = kind(photographs, seed)
     if epochs is None:
         epochs = max(1, round(training.default_crops / training.crops))
-    if epochs < 1:
-        raise ValueError(f"epochs must be at least 1, got {epochs}")
-    digest, start_digest = digest_of_images(images), "" if start is None else digest_of_weights(start.weights)
+    epochs = as_integer("epochs", epochs)
+    digest, start_digest = digest_of_images(photographs), "" if start is None else digest_of_weights(start.weights)
     identity = {
         "images": digest,
         "spec": spec.to_json(),
@@ -139,7 +142,7 @@ def train_prior(
         progress,
     )
     learning = NetworkLearning(
-        images=tuple(names),
+        images=tuple(photographs),
         sha256=digest,
         seed=seed,
         epochs=epochs,

@@ -30,7 +30,7 @@ from scipy.cluster.vq import kmeans2
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...invert.prior.provenance import Learning, check_images, digest_of_images
+from ...invert.prior.provenance import Learning, digest_of_images, gray_photographs
 from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from ...runtime.text import counted
@@ -231,18 +231,19 @@ def learn_bovw(
     """
     if not 2 <= words <= np.iinfo(np.int16).max:
         raise ValueError(f"words must be 2 … {np.iinfo(np.int16).max}, got {words}")
-    names = check_images(images)
-    height, width = images[names[0]].shape
-    for name in names:
-        if images[name].shape != (height, width):
-            sizes = f"{names[0]} has {height}x{width} pixels, {name} {'x'.join(map(str, images[name].shape))}"
+    photographs = gray_photographs(images)
+    first, image = next(iter(photographs.items()))
+    height, width = image.shape
+    for name, image in photographs.items():
+        if image.shape != (height, width):
+            sizes = f"{first} has {height}x{width} pixels, {name} {'x'.join(map(str, image.shape))}"
             raise ValueError(f"expected images of one size, but {sizes}")
     check_grid((height, width), cell)
     check_patch(patch, cell)
     steps = ROUNDS + 2
     progress(0, steps, "describing the windows")
-    photographs = torch.stack([images[name] for name in names]).unsqueeze(1)
-    mirrored_too = torch.cat([photographs, photographs.flip(3)])
+    batch = torch.stack([*photographs.values()]).unsqueeze(1)
+    mirrored_too = torch.cat([batch, batch.flip(3)])
     descriptors = torch.cat(list(map_function(partial(dense_sift, cell=cell), torch.split(mirrored_too, IMAGE_BATCH))))
     windows = descriptors.flatten(0, 2)
     windows = windows[windows.any(dim=1)]
@@ -263,7 +264,7 @@ def learn_bovw(
     mean = total[used] / torch.bincount(database.flatten(), minlength=len(used)).unsqueeze(1)
     patches = mean.float().clamp(0, 1).reshape(len(used), patch, patch)
     progress(steps, steps, f"{len(used)} words")
-    source = {"images": tuple(names), "sha256": digest_of_images(images), "seed": seed}
+    source = {"images": tuple(photographs), "sha256": digest_of_images(photographs), "seed": seed}
     learning = BoVWLearning(**source, words=words, windows=len(drawn), rounds=ROUNDS)  # type: ignore[arg-type]
     return BoVW(vocabulary[used], patches, database.short(), (height, width), cell, learning)
 

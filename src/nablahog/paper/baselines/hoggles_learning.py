@@ -23,7 +23,7 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ...invert.prior.provenance import check_images, digest_of_images
+from ...invert.prior.provenance import digest_of_images, gray_photographs
 from ...runtime.extras import extra
 from .hoggles import (
     MARGIN_CELLS,
@@ -85,10 +85,10 @@ def learn_hoggles(
             raise ValueError(f"{name} must be at least 1, got {number}")
     check_sparsity(sparsity)
     check_cells(spec)
-    names = check_images(images, patch_size(spec))
+    photographs = gray_photographs(images, patch_size(spec))
     rng = np.random.default_rng(seed)
     progress(0, iterations, "describing the images")
-    pairs = _Pairs([images[name] for name in names], spec, rng)
+    pairs = _Pairs([*photographs.values()], spec, rng)
     dictionary = pairs.draw_contrasted(atoms, rng)
     objective: list[float] = []
     if not fast:
@@ -106,8 +106,8 @@ def learn_hoggles(
     progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
-        images=tuple(names),
-        sha256=digest_of_images(images),
+        images=tuple(photographs),
+        sha256=digest_of_images(photographs),
         seed=seed,
         windows=len(pairs),
         iterations=0 if fast else iterations,
