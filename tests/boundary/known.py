@@ -7,7 +7,6 @@ from pathlib import Path
 
 FILE = Path(__file__).with_name("known.txt")
 UNSORTED = "not looked into yet"
-SOMETIMES = "sometimes"  # ends the cause of a cell that fails in some runs only
 Causes = dict[str, dict[str, list[str]]]  # rows by column, by cause
 
 
@@ -33,7 +32,6 @@ def known_failures() -> dict[tuple[str, str], str]:
 def write_failures(failures: Iterable[tuple[str, str]]) -> None:
     """Writes the cells that fail now, each under its cause."""
     known, causes = known_failures(), dict.fromkeys([*read_causes(), UNSORTED])
-    failures = dict.fromkeys([*failures, *(cell for cell, cause in known.items() if cause.endswith(SOMETIMES))])
     found: Causes = {cause: {} for cause in causes}
     for row, column in failures:
         found[known.get((row, column), UNSORTED)].setdefault(column, []).append(row)

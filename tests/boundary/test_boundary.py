@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from .columns import COLUMNS
-from .known import SOMETIMES, known_failures
+from .known import known_failures
 from .rows import ROWS
 from .table import Column, Row, Use, run_cell
 
@@ -20,8 +20,7 @@ def test_row(row: Row) -> None:
     failing = {name: cell for name, cell in cells.items() if cell.state == "failing"}
     new = [f"{name}: {cell.detail} {cell.where}" for name, cell in failing.items() if (row.name, name) not in KNOWN]
     assert not new, "\n".join(new)
-    lasting = [name for name in cells if not KNOWN.get((row.name, name), SOMETIMES).endswith(SOMETIMES)]
-    repaired = [name for name in lasting if name not in failing]
+    repaired = [name for name in cells if (row.name, name) in KNOWN and name not in failing]
     assert not repaired, f"repaired, so delete the row from known.txt: {', '.join(repaired)}"
 
 

@@ -99,11 +99,17 @@ def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
     return int(share * (free + unused))
 
 
+_seeding = threading.RLock()
+
+
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
-    """Seeds PyTorch's generators of all devices; afterwards they go on as before."""
+    """Seeds PyTorch's generators of all devices; afterwards they go on as before.
+
+    Another thread that asks for this waits meanwhile: threads share these generators.
+    """
     # devices by name, because PyTorch warns of more than one that is not
-    with torch.random.fork_rng(devices=range(torch.cuda.device_count())):
+    with _seeding, torch.random.fork_rng(devices=range(torch.cuda.device_count())):
         torch.manual_seed(seed)
         yield
 
