@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...hog import hog
 from ...hog.spec import Angle
+from ...inputs.arrays import check_values
 from ...runtime.pytorch import in_threads
 from . import arguments
 from .arguments import Locations, Size
@@ -271,7 +272,7 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
 
     Raises:
         TypeError: the images are not a tensor of these dtypes.
-        ValueError: the descriptor has no detector, or images are of another size.
+        ValueError: the descriptor has no detector, or images are of another size, or on the device ``meta``.
 
     >>> from nablahog.compat.opencv import HOGDescriptor, score
     >>> descriptor = HOGDescriptor()
@@ -283,6 +284,7 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
     """
     if not isinstance(images, Tensor):
         raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
+    check_values("images", images)
     width, height = descriptor.winSize
     if images.shape[2:] != (height, width):
         raise ValueError(f"images must be (B, C, {height}, {width}), windows of the descriptor, got {(*images.shape,)}")
@@ -291,4 +293,5 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
     described = hog(images, replace(descriptor.spec, angle=angle), layout="native")
     coefficients = torch.from_numpy(np.asarray(descriptor.svmDetector)).to(described)
     size = described.shape[1]
-    return described @ coefficients[:size] + coefficients[size:].sum()
+    with torch.autocast(images.device.type, enabled=False):  # scores in half precision would not be those of detect
+        return described @ coefficients[:size] + coefficients[size:].sum()
