@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -123,6 +124,31 @@ def test_a_program_with_one_changed_import(tmp_path: Path, monkeypatch: pytest.M
     assert isinstance(results["nablahog.compat.opencv"]["hog"], HOGDescriptor)
     assert_same(*([results[module][name] for name in ("found", "weights")] for module in reversed(results)))
     assert_array_equal(*(result["image"] for result in results.values()))
+
+
+REPLACEMENTS = {
+    "the module, before": "sys.modules['cv2'] = ours",
+    "the module, after": "import cv2; sys.modules['cv2'] = ours",
+    "the class": "import cv2; cv2.HOGDescriptor = ours.HOGDescriptor",
+    "all names of it": "import cv2; cv2.__dict__.update({name: getattr(ours, name) for name in ours.__all__})",
+}
+PROGRAM = """
+import sys
+import nablahog.compat.opencv as ours
+{replacement}
+import cv2
+detector = cv2.HOGDescriptor.getDefaultPeopleDetector()
+assert ours.HOGDescriptor is cv2.HOGDescriptor
+print(cv2.imread.__name__, detector.shape, float(detector.sum()), cv2.HOGDescriptor_getDaimlerPeopleDetector().shape)
+"""
+
+
+@pytest.mark.parametrize("replacement", REPLACEMENTS.values(), ids=REPLACEMENTS)
+def test_a_program_where_it_has_taken_the_place_of_opencv(replacement: str) -> None:
+    program = PROGRAM.format(replacement=replacement)
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=300)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout == f"imread {PEOPLE.ravel().shape} {float(PEOPLE.sum())} (1981,)\n"
 
 
 # --- any detector ----------------------------------------------------------------------------------------------------

@@ -6,10 +6,10 @@ installed OpenCV.
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 from .descriptor import HOGDescriptor, score
+from .original import load_original
 
 __all__ = [
     "HOGDescriptor",
@@ -37,6 +37,6 @@ def __getattr__(name: str) -> Any:
     if name.startswith("_"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        return getattr(importlib.import_module("cv2"), name)
+        return load_original(name)
     except ImportError:
         raise AttributeError(f"{__name__} has no {name!r}, and OpenCV, which may have it, is not installed") from None

@@ -5,13 +5,14 @@ Numbers are Python's or NumPy's scalars, never arrays of one entry; a truth valu
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .original import load_original
 
 Size: TypeAlias = tuple[int, int]  # (width, height), as everywhere in OpenCV
 Locations: TypeAlias = Sequence[Sequence[int]] | NDArray[np.integer]
@@ -114,7 +115,7 @@ def image(img: Any) -> NDArray[np.uint8]:
 def output(name: str, value: Any, result: Any) -> Any:
     """The result, written to ``value`` if that is an array or ``cv2.UMat`` of the same kind, shape and dtype."""
     if is_umat(value):
-        return importlib.import_module("cv2").copyTo(result, None, value)
+        return load_original("copyTo")(result, None, value)
     if not isinstance(value, np.ndarray):
         if value is not None and not isinstance(value, int | float | tuple):
             raise TypeError(f"{name} must be None or an array to write to, got {type(value).__name__}")

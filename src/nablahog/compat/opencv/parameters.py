@@ -16,7 +16,7 @@ from ...hog import HOGSpec, presets
 from ...io.input_file import InputFile
 from . import arguments, storage
 from .arguments import Size
-from .storage import people_detector
+from .original import people_detector
 from .windows import Scheme, make_scheme
 
 

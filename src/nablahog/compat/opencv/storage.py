@@ -1,16 +1,11 @@
-"""Files of ``cv2.HOGDescriptor``, and OpenCV's two detectors of people.
+"""Files of ``cv2.HOGDescriptor``: OpenCV's FileStorage as YAML, XML or JSON, also gzipped.
 
-Files are OpenCV's FileStorage as YAML, XML or JSON, also gzipped.  Only what ``HOGDescriptor::write`` of ``hog.cpp``
-puts into a file is read; nothing in it is ever run.
-
-The coefficients of the detectors, trained by Dalal and by Daimler, are OpenCV's, and no part of this package.  They
-come from an installed OpenCV that has them (4.x, and 5 with the contributed modules), or from a file.
+Only what ``HOGDescriptor::write`` of ``hog.cpp`` puts into a file is read; nothing in it is ever run.
 """
 
 from __future__ import annotations
 
 import gzip
-import importlib
 import io
 import json
 import os
@@ -24,7 +19,6 @@ from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...io.files import replacing
 from ...io.input_file import InputFile, Readable, input_file
@@ -38,7 +32,6 @@ _YAML_NOTHING = re.compile(r"(?m)#.*$|^[ \t]*!!\S+|^\.\.\.$|^---.*$")  # comment
 
 Node: TypeAlias = Mapping[str, Any]
 """Numbers and sequences of numbers by their names; as texts, unless JSON has read them."""
-FOLDER = "NABLAHOG_PEOPLE_DETECTORS"
 
 
 def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -> None:
@@ -202,22 +195,3 @@ def _json(name: str, node: Mapping[str, object]) -> str:
 
 
 _FORMATS = {".xml": _xml, ".json": _json}
-
-
-def people_detector(name: str, size: int) -> NDArray[np.float32]:
-    """The coefficients of ``"Default"`` or ``"Daimler"``, of which there are ``size``."""
-    function = f"get{name}PeopleDetector"
-    path = Path(os.environ.get(FOLDER, "")) / f"{name.lower()}.yml"
-    if os.environ.get(FOLDER) and path.is_file():
-        coefficients = np.array(floats(read(path, ""), "SVMDetector"), np.float32)
-        if len(coefficients) != size:
-            raise ValueError(f"{path}: expected the {size} coefficients of {function}, got {len(coefficients)}")
-        return coefficients
-    try:
-        theirs = importlib.import_module("cv2").HOGDescriptor
-    except (ImportError, AttributeError):
-        raise RuntimeError(
-            f"{function} needs OpenCV's own coefficients: install opencv-contrib-python (also of OpenCV 5) or "
-            f"opencv-python<5, or set {FOLDER} to a folder with {path.name}, saved by a descriptor with this detector"
-        ) from None
-    return np.array(getattr(theirs, function)(), np.float32).reshape(-1)
