@@ -19,7 +19,7 @@ import torch
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
-from nablahog.inputs.images import as_images
+from nablahog.inputs.arrays import as_images
 from nablahog.io.images import draw_polygons, image_endings, limit_size, read_exif_focal, read_image, write_image
 from nablahog.io.pixels import prepare_pillow
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.autograd import forward_ad
 
-from ..inputs.arrays import to_array
-from ..inputs.images import WHITE, ArrayImage, as_images, warn_about_levels
+from ..inputs.arrays import WHITE, ArrayImage, as_images, to_array, warn_about_levels
 from ..inputs.numbers import check_choice
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
@@ -26,7 +25,7 @@ from .steps import histograms_reference, merge_colours, normalize_reference, sep
 Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
 HALVES = (torch.float16, torch.bfloat16)
-_CALLER = 4  # frames up: those of the warning and its caller here, the operator, and the line that called it
+_CALLER = 3  # frames up: that of a check, the operator, and the line that called it
 
 
 @overload
@@ -94,7 +93,7 @@ def hog(
     _check(values, spec, backend)
     values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
     if not is_traced(values):
-        _warn_about_range(values, spec)
+        warn_about_levels(values, stacklevel=_CALLER)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
@@ -105,6 +104,7 @@ def hog(
 
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
+    """Raises for images that have no descriptor, and warns of channels (B, C, H, W) that are seldom meant."""
     # these channels would be columns, too few for a cell
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
     if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
@@ -115,8 +115,9 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise ValueError(
             f"images must have shape (B, C, H, W) with at least one channel, got {tuple(images.shape)}{write}"
         )
+    channels = images.shape[1]
     if spec.colour == "separate":
-        spec.check_channels(images.shape[1])
+        spec.check_channels(channels)
     if images.dtype not in (torch.uint8, torch.float32, torch.float64) and not (
         images.is_cuda and images.dtype in HALVES
     ):
@@ -124,29 +125,19 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{write}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
-
-
-def _warn_about_range(images: Tensor, spec: HOGSpec) -> None:
-    """Warns of images (B, C, H, W) whose range or channels are seldom meant; by Python's default filter once a line.
-
-    Other devices than the CPU are not waited for.
-    """
-    channels = images.shape[1]
+    advice_on_channels = ""
     if channels == COLOURS + 1:
-        _warn(
+        advice_on_channels = (
             "images have 4 channels, and each of them is described; of RGBA images drop the last, write images[:, :3], "
             "or pass a PIL image, which is put over white"
         )
-    if channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
-        _warn(
+    elif channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
+        advice_on_channels = (
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
-    warn_about_levels(images, stacklevel=_CALLER)
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, UserWarning, stacklevel=_CALLER)
+    if advice_on_channels and not is_traced(images):
+        warnings.warn(advice_on_channels, UserWarning, stacklevel=_CALLER)
 
 
 class HOG(nn.Module):

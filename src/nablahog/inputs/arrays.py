@@ -1,8 +1,15 @@
-"""Arrays of NumPy as tensors, and results as arrays again."""
+"""Images, descriptors and masks of PyTorch, NumPy and PIL as tensors, and results as arrays again.
+
+Tensors have the axes of PyTorch, images (B, C, H, W).  Arrays have those of the libraries they come from, channels
+last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  An array without the axis B gives a result without it
+(``docs/conventions.md``).
+"""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+import math
+import warnings
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -10,11 +17,173 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..runtime.text import describe_type
+from .pil_images import is_pil, pil_pixels
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+ArrayImage: TypeAlias = "NDArray[Any] | Image"
+"""An image, or a batch of them, that is not a tensor."""
 Descriptors = TypeVar("Descriptors", Tensor, NDArray[Any])
 """Descriptors as tensors or arrays: a function that takes one kind returns the same."""
 
 ITEMS = "one call for each of them, or torch.stack or np.stack of those of one shape"
+SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
+FEW_VALUES = 2**12  # values that are all looked at
+LEVEL_OVERSHOOT = 1.0  # above white; filters overshoot by less
+
+# of a sentence on dtypes
+WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
+
+
+def as_images(name: str, images: object) -> tuple[Tensor, bool]:
+    """Images (B, C, H, W) of a tensor, which is left as it is, an array or a PIL image; and whether it was one image
+    without the axis B.
+
+    Shares the memory of arrays that can be written to.
+
+    Raises:
+        TypeError: it is none of them, a tensor is nested or sparse, or the numbers of an array are not real.
+        ValueError: the axes of an array are not (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3; it masks some pixels;
+            or the levels of a PIL image are none of a photograph.
+    """
+    if isinstance(images, Tensor):
+        check_dense(name, images)
+        return images, False
+    if is_pil(images):
+        array = pil_pixels(name, images)  # type: ignore[arg-type]
+    elif isinstance(images, np.ndarray):
+        array = images
+    else:
+        raise TypeError(
+            f"{name} must be a torch tensor (B, C, H, W), a NumPy array (H, W) or (H, W, C), or a PIL image, got "
+            f"{describe_type(images, path='PIL.Image.open(path)', items=ITEMS)}"
+        )
+    if array.ndim == 2:
+        return as_tensor(name, array)[None, None], True
+    if array.ndim not in (3, 4) or array.shape[-1] not in (1, 3):
+        raise ValueError(
+            f"{name} as an array must be (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3, got {array.shape}: "
+            f"{_advise_on_axes(array.shape)}"
+        )
+    tensor = as_tensor(name, array)
+    return (tensor if array.ndim == 4 else tensor[None]).permute(0, 3, 1, 2), array.ndim == 3
+
+
+def _advise_on_axes(shape: tuple[int, ...]) -> str:
+    if len(shape) in (3, 4) and shape[-3] in (1, 3):
+        return "move the channels last, np.moveaxis(array, -3, -1)"
+    if len(shape) in (3, 4) and shape[-1] == 4:
+        write = "PIL.Image.fromarray(array)" if len(shape) == 3 else "each PIL.Image.fromarray(array[k])"
+        return f"of RGBA in uint8 pass {write}, which is put over white"
+    if len(shape) == 3:
+        return "write array[..., None] for a batch of gray images, or pass a tensor (B, C, H, W) of any C"
+    return "pass a tensor (B, C, H, W) of any C"
+
+
+def as_photograph(name: str, photograph: object) -> Tensor:
+    """One photograph (C, H, W), C 1 or 3, finite floating point numbers or uint8, of a tensor, array or PIL image.
+
+    Derivatives by it are not recorded.
+
+    Raises:
+        TypeError: it is none of them.
+        ValueError: it is a batch, has other axes or another dtype, or holds NaN or infinity.
+    """
+    if isinstance(photograph, Tensor):
+        image = photograph.detach()
+    else:
+        images, is_single = as_images(name, photograph)
+        if not is_single:
+            raise ValueError(f"{name} must be one image, got a batch of {len(images)}: write one call for each of them")
+        image = images[0]
+    is_numeric = image.is_floating_point() or image.dtype == torch.uint8
+    if image.dim() != 3 or image.shape[0] not in (1, 3) or not is_numeric:
+        last = image.shape[-1:] in ((1,), (3,))
+        write = {2: "photograph[None]", 3: "photograph.permute(2, 0, 1)" if last else "", 4: "photograph[0]"}
+        advice = f": write {write[image.dim()]}" if write.get(image.dim()) else ""
+        raise ValueError(
+            f"{name} must be a tensor (1 or 3, H, W) of floating point numbers or uint8, "
+            f"got {image.dtype} of shape {tuple(image.shape)}{advice if is_numeric else WHITE}"
+        )
+    # the sum takes a tenth of the time, and is infinite for hardly any finite photograph
+    if image.dtype != torch.uint8 and not math.isfinite(image.sum()) and not torch.isfinite(image).all():
+        raise ValueError(f"{name} must be finite, got NaN or Inf")
+    return image
+
+
+def warn_about_levels(images: Tensor, stacklevel: int) -> None:
+    """Warns of images (…, H, W) far beyond 0…1, of which some rows and columns are looked at if they are large.
+
+    Other devices than the CPU are not waited for.
+    """
+    if not (images.is_cpu and images.is_floating_point() and images.numel()):
+        return
+    values = images.detach()
+    try:
+        if values.numel() <= FEW_VALUES:
+            largest = values.max().item()
+        else:  # NumPy is faster with slices, and wakes no threads
+            spacing = min(SAMPLE_SPACING, min(values.shape[-2:]) // SAMPLE_SPACING) or 1
+            largest = float(np.maximum.reduce(values.numpy()[..., ::spacing, ::spacing], axis=None))
+    except (RuntimeError, TypeError):  # tensors of torch.func's transforms have no storage, and bfloat16 no array
+        return
+    if 1 + LEVEL_OVERSHOOT < largest < math.inf:
+        warnings.warn(
+            "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
+            "uint8, and pass images of a network as they were before their mean was subtracted",
+            UserWarning,
+            stacklevel=stacklevel,
+        )
+
+
+def as_gray(name: str, image: object) -> NDArray[np.float64]:
+    """A gray image (H, W), bytes over 255, of a tensor, an array, a PIL image or nested lists; other axes are left.
+
+    Raises:
+        TypeError: its numbers are not real.
+        ValueError: it masks some pixels, or the lengths of its lists differ.
+    """
+    if isinstance(image, Tensor):
+        check_dense(name, image)
+        values = image.detach().cpu()
+    elif is_pil(image):
+        values = as_tensor(name, pil_pixels(name, image))  # type: ignore[arg-type]
+    elif isinstance(image, np.ndarray | list | tuple):
+        values = as_tensor(name, image if isinstance(image, np.ndarray) else np.asarray(image))
+    else:
+        came = describe_type(image, path="PIL.Image.open(path).convert('L')", items=ITEMS)
+        raise TypeError(f"{name} must be an image (H, W), a tensor, an array, a PIL image or nested lists, got {came}")
+    if values.is_complex():
+        raise TypeError(f"{name} must hold real numbers, got {values.dtype}: write image.real")
+    result: NDArray[np.float64] = values.double().numpy()
+    return result / 255 if values.dtype == torch.uint8 else result
+
+
+def as_mask(name: str, mask: object, size: tuple[int, int]) -> Tensor:
+    """A mask (H, W) of an image of that size, bool, true somewhere, of a tensor, an array or nested lists.
+
+    Raises:
+        TypeError: it is a PIL image, or nothing of that kind.
+        ValueError: it has another shape or dtype, masks some entries, or is nowhere true.
+    """
+    if is_pil(mask):
+        raise TypeError(f"{name} must be bool, got a PIL image: write np.asarray(image.convert('L')) > 0")
+    try:
+        tensor = as_tensor(name, mask) if isinstance(mask, np.ndarray) else torch.as_tensor(mask, device="cpu")
+    except (TypeError, RuntimeError):
+        came = f"an array of {mask.dtype}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise TypeError(
+            f"{name} must be a tensor or an array of bool, got {came}: of an image write "
+            "np.asarray(image.convert('L')) > 0"
+        ) from None
+    if tensor.dtype != torch.bool or tuple(tensor.shape) != size:
+        write = ": write mask > 0" if tensor.dtype != torch.bool else ""
+        dtype = str(tensor.dtype).removeprefix("torch.")
+        raise ValueError(f"{name} must be bool of shape {size}, got {dtype} of shape {tuple(tensor.shape)}{write}")
+    if not bool(tensor.any()):
+        raise ValueError(f"{name} must be true where the object is, got one that is true nowhere")
+    return tensor
 
 
 def as_descriptors(name: str, descriptor: object) -> tuple[Tensor, bool]:

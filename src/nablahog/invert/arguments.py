@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import check_values
-from ..inputs.images import WHITE, ArrayImage, as_images
+from ..inputs.arrays import WHITE, ArrayImage, as_images, check_values
 from ..inputs.numbers import as_integer, as_number, as_size, check_choice
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName

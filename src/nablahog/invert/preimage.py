@@ -16,8 +16,7 @@ from torch import Tensor
 from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import Descriptors, as_descriptors
-from ..inputs.images import ArrayImage
+from ..inputs.arrays import ArrayImage, Descriptors, as_descriptors
 from ..inputs.numbers import as_seed
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from ..inputs.images import as_gray
+from ..inputs.arrays import as_gray
 from ..inputs.numbers import as_integer
 
 Image: TypeAlias = Tensor | ArrayLike

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..inputs.arrays import ArrayImage, as_photograph
 from ..inputs.boxes import Box, as_box
-from ..inputs.images import ArrayImage, as_photograph
 from ..render import Camera
 from .crop_view import CropView, resample
 

@@ -16,9 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.boxes import Box, as_box
 from ..inputs.cameras import as_focal
-from ..inputs.images import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.numbers import as_number, as_numbers, as_seed, check_choice
 from ..inputs.pil_images import is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal

@@ -13,8 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..inputs.arrays import check_values
-from ..inputs.images import as_images
+from ..inputs.arrays import as_images, check_values
 from ..inputs.numbers import as_integer, as_number, check_choice
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp

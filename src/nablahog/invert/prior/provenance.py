@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...inputs.images import WHITE, as_gray
+from ...inputs.arrays import WHITE, as_gray
 from ...runtime.text import counted
 
 

@@ -18,7 +18,7 @@ from torch.optim.lr_scheduler import OneCycleLR
 
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
-from ...inputs.images import ArrayImage
+from ...inputs.arrays import ArrayImage
 from ...inputs.numbers import as_integer, check_choice
 from ...io.files import replacing
 from ...io.input_file import input_file
