@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
 from ..inputs.numbers import LONGEST_SIDE, shortened
-from .checks import check_fields, register
 from .normalizers import Footprint, Normalizer
+from .parts import Part
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -37,7 +37,7 @@ class Spacing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pooling(ABC):
+class Pooling(Part):
     """From votes of pixels to histograms of cells, by weights along either axis: the third of the four steps.
 
     A new pooling is a frozen dataclass of its constants in this file.  It must have:
@@ -46,25 +46,18 @@ class Pooling(ABC):
     * :meth:`taps`, from which both the reference steps and the compiled loops pool;
     * :meth:`reach`, which pixels matter for a cell.
 
-    Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.  Fields are checked by their
-    types, see :func:`.checks.check_fields`.
+    Unless cells are side by side it must have :meth:`spacing` and :meth:`cells`, too.  Fields are converted by
+    their types, see :func:`.convert_fields`.
     """
 
     kinds: ClassVar[dict[str, type[Pooling]]] = {}
     """The classes of all poolings by their ``kind``."""
-    kind: ClassVar[str]
     interpolates: ClassVar[bool] = False
     """Whether the weights of a pixel sum to 1, so that they interpolate between the middles of cells."""
     has_blocks: ClassVar[bool] = False
     """Whether cells of several blocks may lie on each other, each with weights of its own."""
 
-    def __init_subclass__(cls) -> None:
-        register(cls, cls.kinds)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:  # noqa: B027
+    def check(self, cell_size: tuple[int, int], normalizer: Normalizer) -> None:
         """Raises ValueError unless it goes with cells of this size and the normaliser."""
 
     def spacing(self, cell: int, axis: int) -> Spacing:

@@ -13,9 +13,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from ..inputs.numbers import shortened
+from ..inputs.numbers import as_integer, as_number, convert_fields, shortened
 from ..runtime.text import one_line
-from .checks import check_fields
 from .normalizers import Normalizer
 from .poolings import BilinearCells, PartialCells, Pooling
 
@@ -112,11 +111,9 @@ class HOGSpec:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ValueError(f"name must be text, got {shortened(self.name)}")
-        check_fields(self, "bin_offset")
-        if type(self.bins) is not int or not 3 <= self.bins <= MOST_BINS:
-            raise ValueError(f"bins must be an integer in 3 … {MOST_BINS}, got {shortened(self.bins)}")
-        if not isinstance(self.bin_offset, int | float) or not 0 <= self.bin_offset < self.bins:
-            raise ValueError(f"bin_offset must lie in [0, bins), got {shortened(self.bin_offset)}")
+        convert_fields(self, "bin_offset")
+        as_integer("bins", self.bins, 3, MOST_BINS)
+        object.__setattr__(self, "bin_offset", as_number("bin_offset", self.bin_offset, 0, below=self.bins))
         _check_kind("normalizer", self.normalizer, Normalizer.kinds)
         _check_kind("pooling", self.pooling, Pooling.kinds)
         self._check_together()

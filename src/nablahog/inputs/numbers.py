@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import numbers
-from typing import Any, get_args
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
 
@@ -114,6 +116,33 @@ def check_choice(name: str, value: object, choices: Any) -> None:
     allowed = get_args(choices)
     if not isinstance(value, str) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}")
+
+
+def convert_fields(instance: Any, *others: str) -> None:
+    """Converts the fields of a frozen dataclass by their types; lists become tuples.
+
+    A float lies in :data:`LEAST_CONSTANT` … :data:`MOST_CONSTANT`.  Fields of types other than floats, truth values,
+    pairs of integers and literals are left to the class, and so are the ``others``.
+    """
+    if type(instance) not in _FIELD_TYPES:
+        types = get_type_hints(type(instance))  # of class variables, too
+        _FIELD_TYPES[type(instance)] = {field.name: types[field.name] for field in fields(instance)}
+    for name, kind in _FIELD_TYPES[type(instance)].items():
+        value = as_plain(getattr(instance, name))
+        if name not in others and get_origin(kind) is Literal:
+            check_choice(name, value, kind)
+        elif name not in others and kind in _CONVERSIONS:
+            value = _CONVERSIONS[kind](name, value)
+        object.__setattr__(instance, name, value)
+
+
+def _as_constant(name: str, value: object) -> float:
+    return as_number(name, value, LEAST_CONSTANT, MOST_CONSTANT)
+
+
+_CONVERSIONS: dict[Any, Callable[[str, object], Any]] = {bool: as_truth, float: _as_constant, tuple[int, int]: as_size}
+_FIELD_TYPES: dict[type, dict[str, Any]] = {}
+"""Of each class, the types of its fields; read once, since torch.compile cannot trace the reading."""
 
 
 def shortened(value: object) -> str:

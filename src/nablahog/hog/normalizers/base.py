@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from ..checks import check_fields, register
+from ..parts import Part
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -40,7 +40,7 @@ class Footprint(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Normalizer(ABC):
+class Normalizer(Part):
     """From cell histograms to the descriptor: the last of the four steps.
 
     A new normaliser is a frozen dataclass of its constants in a file of this folder.  It must have:
@@ -58,22 +58,15 @@ class Normalizer(ABC):
     an image; :meth:`invert`, if histograms can be computed back in closed form; :attr:`has_loops` and
     :meth:`native_constants`, for a header in ``native``, without which native cells are followed by :meth:`normalize`.
     The rest has defaults that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields
-    are checked by their types, see :func:`.checks.check_fields`.
+    are converted by their types, see :func:`.convert_fields`.
     """
 
     kinds: ClassVar[dict[str, type[Normalizer]]] = {}
     """The classes of all normalisers by their ``kind``."""
-    kind: ClassVar[str]
     has_loops: ClassVar[bool] = False
     """Whether there are native loops, which ``native/operator.h`` lists by ``kind``."""
 
-    def __init_subclass__(cls) -> None:
-        register(cls, cls.kinds)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    def check(self, bins: int, signed: bool) -> None:  # noqa: B027
+    def check(self, bins: int, signed: bool) -> None:
         """Raises ValueError unless it fits this number of orientation bins, signed or not."""
 
     @abstractmethod
