@@ -27,7 +27,6 @@ SCALE_STEP = 2**-0.5  # between two scales of a photograph
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
 RING_CELLS = 1  # cells next to the border of an image, which are unlike all others
 COARSE_CELL, FINE_CELL = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
-_SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 
 def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
@@ -121,11 +120,6 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
 def pose_spec(cell_size: int = COARSE_CELL) -> HOGSpec:
     """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
     return aubry(cell_size, colour="gray")
-
-
-def coarse_background(own: Background | None = None) -> tuple[Background, int]:
-    """The background of the coarse search, by default that of :func:`pose_spec`, and how much the crop is shrunk."""
-    return (own, 1) if own is not None else (default_background(pose_spec(COARSE_CELL // _SHRINK)), _SHRINK)
 
 
 def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:

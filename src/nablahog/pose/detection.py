@@ -14,7 +14,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..inputs.boxes import Box
-from .background import coarse_background
 from .crop import CROP_FILL, CROP_SIDE
 from .crop_view import gray_means, reduction_factor
 from .model import (
@@ -29,7 +28,7 @@ from .model import (
 )
 from .photograph import suppress_overlaps
 from .problem import SMALL_PENALTY, allowed_azimuths, elevations_around, view_penalty
-from .similarity import describe
+from .similarity import coarse_background, describe
 from .surroundings import centre_coordinates, map_grid, turn_image
 from .whitening import Background, cached_whitener
 

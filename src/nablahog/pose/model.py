@@ -21,9 +21,8 @@ from ..render.camera import rotation_matrices
 from ..render.renderer import DEFAULT_LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
-from .background import coarse_background
 from .crop import CROP_FILL, CROP_SIDE, DISTANCE, downsample_camera, typical_camera
-from .similarity import Similarity, Template, describe, deviations, downsample_poses, run_in_batches
+from .similarity import Similarity, Template, coarse_background, describe, deviations, downsample_poses, run_in_batches
 from .whitening import Background, Whitener, cached_whitener
 
 Doubles = NDArray[np.float64]
@@ -101,7 +100,7 @@ def prepared_model(mesh: Mesh) -> PreparedModel:
 
 
 def coarse_whitener(own: Background | None = None) -> Whitener:
-    """The whitener of crops in the coarse search, see :func:`.background.coarse_background`."""
+    """The whitener of crops in the coarse search, see :func:`.coarse_background`."""
     background, shrink = coarse_background(own)
     return cached_whitener(background, *background.spec.grid(CROP_SIDE // shrink, CROP_SIDE // shrink))
 

@@ -17,10 +17,18 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.box import pixel_box
-from .background import FINE_CELL, coarse_background, default_background, pose_spec
+from .background import FINE_CELL, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind
-from .similarity import CalibratedTemplate, PatchTemplate, Template, calibrated_template, describe, patch_template
+from .similarity import (
+    CalibratedTemplate,
+    PatchTemplate,
+    Template,
+    calibrated_template,
+    coarse_background,
+    describe,
+    patch_template,
+)
 from .whitening import Background
 
 ELEMENT = (5, 5)  # rows, columns of cells of a visual element

@@ -25,17 +25,24 @@ from ..inputs.boxes import Box
 from ..render import Renderer
 from ..render.camera import pose_vjp
 from ..runtime.pytorch import in_threads
+from .background import COARSE_CELL, default_background, pose_spec
 from .crop import ObjectCrop
 from .whitening import Background, Whitener, cached_whitener
 
 T = TypeVar("T")
 
 _BATCH = 32  # renderings at a time, few enough for the processor's cache
+_SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 
 def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     """φ: gray images (B, 1, H, W) to descriptors (B, C, rows, cols)."""
     return normalize(histograms(images, spec), spec)
+
+
+def coarse_background(own: Background | None = None) -> tuple[Background, int]:
+    """The background of the coarse search, by default that of :func:`.pose_spec`, and how much the crop is shrunk."""
+    return (own, 1) if own is not None else (default_background(pose_spec(COARSE_CELL // _SHRINK)), _SHRINK)
 
 
 @dataclass(frozen=True, eq=False)

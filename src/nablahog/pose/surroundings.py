@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from .background import coarse_background
 from .crop import CROP_FILL
 from .crop_view import blur, resample
 from .model import (
@@ -31,7 +30,7 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .similarity import describe
+from .similarity import coarse_background, describe
 from .whitening import cached_whitener
 
 
