@@ -19,6 +19,7 @@ SPECS: dict[str, HOGSpec] = {
     "dpm": presets.dpm(4),
     "uoctti": presets.uoctti(4),
     "skimage": presets.skimage(pixels_per_cell=(4, 4)),
+    "dalal_triggs": presets.dalal_triggs(4, norm="L1-sqrt"),
     "opencv": presets.opencv((40, 40), (8, 8), (4, 4), (4, 4)),
     "maskfeat": presets.maskfeat(4),
     "paper": presets.paper(4),

@@ -91,6 +91,12 @@ def test_a_cell_is_the_mean_over_its_blocks_and_colours() -> None:
     np.testing.assert_allclose(np.degrees(angles) % 180, (90 - 10 - np.arange(9) * 20) % 180)
 
 
+def test_values_below_0_are_drawn_as_0() -> None:
+    spec = presets.skimage(cells_per_block=(1, 1), block_norm="L1-sqrt")
+    assert not glyphs(-torch.ones(1, 1, 9), spec).any()
+    assert glyphs(torch.ones(1, 1, 9), spec).any()
+
+
 def test_cells_of_overlapping_blocks_are_one() -> None:
     spec = presets.opencv((24, 16))  # a row of two blocks, of three columns of cells
     votes, angles = edge_votes(torch.ones(1, 2, 36), spec)

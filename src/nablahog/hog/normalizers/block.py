@@ -90,14 +90,19 @@ class BlockNorm(Normalizer):
         return [f"cell {row}, {col} of the block: {orientation}" for row, col in cells for orientation in bins]
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
+        """The mean over all blocks that a cell is in, of squares for L1-sqrt; of cells between blocks 0."""
+        return self._block_means(channels * channels.abs() if self.form == "L1-sqrt" else channels, bins)
+
+    def bin_weights(self, weights: Tensor, bins: int, signed: bool) -> Tensor:
         """The mean over all blocks that a cell is in; of cells between blocks 0."""
+        return self._block_means(weights, bins)
+
+    def _block_means(self, channels: Tensor, bins: int) -> Tensor:
         import torch
         from torch.nn.functional import fold
 
         batch, _, rows, cols = channels.shape
         size = self.footprint(0).cells(rows), self.footprint(1).cells(cols)
-        if self.form == "L1-sqrt":
-            channels = channels.square()
         block_cells = self.block[0] * self.block[1]
         blocks = channels.reshape(batch, block_cells, bins, rows * cols).transpose(1, 2).flatten(1, 2)
         counts = fold(torch.ones_like(blocks[:1, :block_cells]), size, self.block, stride=self.step).clamp(min=1)
