@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 
 from nablahog.hog import HOG, HOGSpec, hog, operators, presets
 from nablahog.hog.descriptor import Backend, histograms
-from nablahog.hog.kernels.loops import supports
+from nablahog.hog.kernels.loops import find_loops
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from .zoo import PRESETS, SPECS, fits, integers, noise
@@ -274,7 +274,7 @@ def test_operators_pass_opcheck(name: str) -> None:
             torch.library.opcheck(vjp, (images.detach(), torch.ones_like(step(images.detach(), text)), text))
 
 
-OF_ONE_COLOUR = [name for name, s in SPECS.items() if supports(s) and s.normalizer.has_loops and s.colours == 1]
+OF_ONE_COLOUR = [name for name, s in SPECS.items() if find_loops(s).norm is not None and s.colours == 1]
 
 
 @pytest.mark.parametrize("name", OF_ONE_COLOUR)

@@ -124,6 +124,12 @@ NABLAHOG_API int nablahog_hog_jvp(const nablahog_tables* tables, const void* pix
   });
 }
 
+// Whether there are loops of a kind of normaliser
+NABLAHOG_API int nablahog_has_normalizer(const char* kind, int32_t* found) {
+  *found = nablahog::normalizer_maker<float>(kind) != nullptr;
+  return 0;
+}
+
 // The normaliser: cells (images, rows, cols, bins) to descriptors, its vjp and its jvp
 NABLAHOG_API int nablahog_normalize(const nablahog_tables* tables, int64_t first, int64_t last, const void* cells,
                                     void* out) {

@@ -27,14 +27,26 @@ void fill_nan(T* to, int64_t count) {
 }
 
 template <class T>
-std::unique_ptr<Normalizer<T>> make_normalizer(const nablahog_tables& tables, Workspace& work) {
-  if (!tables.normalizer) return nullptr;
-  const std::string_view kind(tables.normalizer);
-  if (kind == "global") return std::make_unique<GlobalNorm<T>>(tables, work);
-  if (kind == "cell") return std::make_unique<CellNorm<T>>(tables, work);
-  if (kind == "block") return std::make_unique<BlockNorm<T>>(tables, work);
-  if (kind == "four-block") return std::make_unique<FourBlockNorm<T>>(tables, work);
+using NormalizerMaker = std::unique_ptr<Normalizer<T>> (*)(const nablahog_tables&, Workspace&);
+
+template <class T, class Norm>
+std::unique_ptr<Normalizer<T>> make(const nablahog_tables& tables, Workspace& work) {
+  return std::make_unique<Norm>(tables, work);
+}
+
+// What makes the normaliser of a kind; null if there is no such loop.
+template <class T>
+NormalizerMaker<T> normalizer_maker(std::string_view kind) {
+  if (kind == "global") return make<T, GlobalNorm<T>>;
+  if (kind == "cell") return make<T, CellNorm<T>>;
+  if (kind == "block") return make<T, BlockNorm<T>>;
+  if (kind == "four-block") return make<T, FourBlockNorm<T>>;
   return nullptr;
+}
+
+template <class T>
+std::unique_ptr<Normalizer<T>> make_normalizer(const nablahog_tables& tables, Workspace& work) {
+  return tables.normalizer ? normalizer_maker<T>(tables.normalizer)(tables, work) : nullptr;
 }
 
 }  // namespace nablahog

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import pytest
@@ -297,6 +297,24 @@ def test_a_normaliser_without_a_loop_runs_as_it_is(dtype: torch.dtype) -> None:
     results = [hog(image, s, backend=backend) for backend in BACKENDS]
     assert_close(*results, rtol=1e-5, atol=1e-6)
     assert_close(*(torch.autograd.grad(each.sin().sum(), image)[0] for each in results), rtol=1e-4, atol=1e-4)
+
+
+@dataclass(frozen=True)
+class HalfBlocks(BlockNorm):
+    """One of a user's own that begins with one that has a loop."""
+
+    kind: ClassVar[str] = "half-blocks"
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        return super().normalize(histograms, signed) / 2
+
+
+def test_a_normaliser_of_a_kind_that_is_not_compiled_runs_as_it_is() -> None:
+    blocks = spec(normalizer=BlockNorm((2, 2), epsilon=0.1))
+    image = noise(2, 1, 20, 17).requires_grad_()
+    halves = hog(image, replace(blocks, normalizer=HalfBlocks((2, 2), epsilon=0.1)))
+    assert_close(halves, hog(image, blocks) / 2, rtol=0, atol=1e-12)
+    halves.sum().backward()
 
 
 @specs

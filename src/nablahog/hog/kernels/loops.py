@@ -16,7 +16,7 @@ from ... import native
 from ...runtime.pytorch import run_in_threads
 from ..engine import REFERENCE, Cells, Describe, Engine, Norm, OutputAndSaved, Step
 from ..spec import HOGSpec
-from .tables import ImageTables, NormTables
+from .tables import ImageTables, NormTables, has_normalizer
 
 _PIXELS_FOR_THREADS = 2**16  # pixels of an image that is worth more than one thread
 _NOTHING_SAVED = torch.empty(0, device="cpu")  # whatever the default device is
@@ -174,7 +174,7 @@ def find_loops(spec: HOGSpec) -> Engine:
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
     if smoothed_border or not native.available():
         return REFERENCE
-    return NATIVE_ENGINE if spec.normalizer.has_loops else _CELLS_ALONE
+    return NATIVE_ENGINE if has_normalizer(spec.normalizer.kind) else _CELLS_ALONE
 
 
 def supports(spec: HOGSpec) -> bool:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
+from ... import native
 from ..gradient import BLACK, BORDERS, channel_weights, last_of_equals
 from ..orientation import VLFEAT_LEAST, beginnings, opencv_table, vanishing, vote_directions, vote_rule
 from ..spec import HOGSpec
@@ -21,6 +23,23 @@ VOTE_CODES = {"linear": 0, "opencv": 1, "vlfeat": 2, "nearest": 3, "begun": 4}
 COLUMN_PADDING = 16  # numbers of the widest vector: tables of columns are rounded up to these, and have as many more
 
 _int32, _int64, _double, _pointer = ctypes.c_int32, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+_has_normalizer = native.function("has_normalizer", ctypes.c_char_p, _pointer)
+
+
+@cache
+def _find_normalizer(kind: str) -> bool:
+    found = _int32()
+    _has_normalizer(kind.encode(), ctypes.byref(found))
+    return bool(found.value)
+
+
+def has_normalizer(kind: str) -> bool:
+    """Whether there are compiled loops of a kind of normaliser."""
+    return native.available() and _find_normalizer(kind)
+
+
+has_normalizer._dynamo_marked_constant = True  # type: ignore[attr-defined]  # as native.available
 
 
 def _fields(kind: Any, names: str) -> list[tuple[str, Any]]:
@@ -124,7 +143,7 @@ class NormTables:
             bins=spec.bins,
             rows=AxisStruct(cells=rows),
             cols=AxisStruct(cells=cols),
-            normalizer=norm.kind.encode() if norm.has_loops else None,
+            normalizer=norm.kind.encode() if has_normalizer(norm.kind) else None,
             out_rows=self.grid[0],
             out_cols=self.grid[1],
             out_channels=self.grid[2],

@@ -55,16 +55,14 @@ class Normalizer(Part):
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
-    an image; :meth:`invert`, if histograms can be computed back in closed form; :attr:`has_loops` and
-    :meth:`native_constants`, for a header in ``native``, without which native cells are followed by :meth:`normalize`.
+    an image; :meth:`invert`, if histograms can be computed back in closed form; :meth:`native_constants`, for a header
+    in ``native``.  Unless ``native/operator.h`` lists its ``kind``, native cells are followed by :meth:`normalize`.
     The rest has defaults that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields
     are converted by their types, see :func:`.convert_fields`.
     """
 
     kinds: ClassVar[dict[str, type[Normalizer]]] = {}
     """The classes of all normalisers by their ``kind``."""
-    has_loops: ClassVar[bool] = False
-    """Whether there are native loops, which ``native/operator.h`` lists by ``kind``."""
 
     def check(self, bins: int, signed: bool) -> None:
         """Raises ValueError unless it fits this number of orientation bins, signed or not."""

@@ -44,7 +44,6 @@ class BlockNorm(Normalizer):
     epsilon_outside_root: bool = False
     clip: float = 0.2
     kind: ClassVar[str] = "block"
-    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Blocks have one length."""
 

@@ -61,7 +61,6 @@ class FourBlockNorm(Normalizer):
     outside: Outside = "repeat"
     floor: bool = False
     kind: ClassVar[str] = "four-block"
-    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Blocks have one energy."""
 

@@ -50,7 +50,6 @@ class GlobalNorm(PerCell):
     epsilon: float = 1e-5
     form: GlobalForm = "printed"
     kind: ClassVar[str] = "global"
-    has_loops: ClassVar[bool] = True
 
     def reach(self) -> int | None:
         return None
@@ -102,7 +101,6 @@ class CellNorm(PerCell):
 
     epsilon: float = 1e-12
     kind: ClassVar[str] = "cell"
-    has_loops: ClassVar[bool] = True
     fixes_contrast = False
     """Each cell has length 1."""
 
