@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 pytest.importorskip("sklearn")
 
@@ -50,17 +51,55 @@ def test_digits_are_recognised() -> None:
     assert clone(pipeline).fit(digits[:400] / 16, names[:400]).score(digits[400:600] / 16, names[400:600]) > 0.7
 
 
-def test_other_images_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^images must be \(N, H, W\) or \(N, H, W, C\), or rows with an image_size"):
-        HOGTransformer().fit(np.zeros((3, 16)))
-    with pytest.raises(ValueError, match=r"^rows of images of 8x8 pixels .*, got 63 numbers$"):
-        HOGTransformer(image_size=(8, 8)).fit(np.zeros((2, 63)))
+IMAGES = (np.random.default_rng(0).random((2, 24, 32, 3)) * 255).astype(np.uint8)
 
 
-def test_lists_are_described_as_their_images() -> None:
-    images = (np.random.default_rng(0).random((2, 24, 32, 3)) * 255).astype(np.uint8)
-    expected = HOGTransformer().fit_transform(images)
-    np.testing.assert_array_equal(HOGTransformer().fit_transform(list(images)), expected)
-    np.testing.assert_array_equal(HOGTransformer().fit_transform([Image.fromarray(x) for x in images]), expected)
-    with pytest.raises(ValueError, match="masks some"):
-        HOGTransformer().fit(np.ma.masked_equal(images, images.max()))
+@pytest.mark.parametrize(
+    ("image_size", "images", "words"),
+    [
+        (None, np.zeros((3, 16)), r"got \(3, 16\): write array.reshape\(-1, height, width\)"),
+        ((8, 8), np.zeros((2, 63)), r"^X must be rows of images of 8x8 pixels, .*, got \(2, 63\)"),
+        (None, [IMAGES[0], IMAGES[1, :16]], r"of one size .*, got \(16, 32, 3\) and \(24, 32, 3\): write image"),
+        (None, [IMAGES[0], IMAGES[1, ..., 0]], r"of as many channels, .*: write image.convert\('RGB'\)"),
+        (None, [np.moveaxis(x, -1, 0) for x in IMAGES], r"^X\[0\] .* move the channels last"),
+        (None, np.ma.masked_equal(IMAGES, IMAGES.max()), "masks some"),
+        ((24, 32), np.ma.masked_equal(IMAGES, IMAGES.max()).reshape(2, -1), "masks some"),
+        (None, [IMAGES[0] / np.nan], "must be finite"),
+        (None, [IMAGES[0].astype(np.int64)], "divide by the value of white"),
+        (None, iter(IMAGES), r"got a?.*iterator: write list"),
+    ],
+)
+def test_other_images_are_refused(image_size: Any, images: Any, words: str) -> None:
+    with np.errstate(divide="ignore"), pytest.raises((ValueError, TypeError), match=words):
+        HOGTransformer(image_size=image_size).fit(images)
+
+
+LISTS = {
+    "arrays": list,
+    "PIL images": lambda images: [Image.fromarray(x) for x in images],
+    "tensors": lambda images: list(torch.from_numpy(images).permute(0, 3, 1, 2)),
+    "a tensor": lambda images: torch.from_numpy(images).permute(0, 3, 1, 2),
+    "bytes and floats": lambda images: [images[0], images[1] / 255],
+    "an array of arrays": lambda images: np.array([*images, None], object)[:-1],
+    "some transparent": lambda images: [Image.fromarray(images[0]), opaque(images[1])],
+}
+
+
+def opaque(image: np.ndarray) -> Image.Image:
+    rgba = Image.fromarray(image)
+    rgba.putalpha(255)
+    return rgba
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_lists_are_described_as_their_images(name: str) -> None:
+    expected = HOGTransformer("paper").fit_transform(IMAGES)  # whose ε is absolute
+    np.testing.assert_allclose(HOGTransformer("paper").fit_transform(LISTS[name](IMAGES)), expected, rtol=0, atol=1e-6)
+
+
+def test_images_of_another_size_than_in_fit_are_refused() -> None:
+    """Its rows would have another length; some pixels less than a cell give the same."""
+    fitted = HOGTransformer().fit(IMAGES)
+    assert fitted.transform(IMAGES[:, :22]).shape == (2, fitted.n_features_out_)
+    with pytest.raises(ValueError, match=f"{fitted.n_features_out_} features, as in fit, .* of 24x16 pixels"):
+        fitted.transform(IMAGES[:, :, :16])

@@ -12,9 +12,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import check_unmasked
+from ..inputs.arrays import as_array
+from ..inputs.batches import as_batch
 from ..inputs.numbers import as_size
-from ..inputs.pil_images import is_pil, pil_pixels
 
 __all__ = ["HOGTransformer"]
 
@@ -29,7 +29,8 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         layout: ``"cells"`` or ``"native"``, the order of the features of an image.
 
     Raises:
-        TypeError, ValueError: by its methods, if their input is no batch of images, or not of ``image_size``.
+        TypeError, ValueError: by its methods, if their input is no batch of images of one size, or not of
+            ``image_size``, or not finite.
 
     >>> from nablahog.compat.sklearn import HOGTransformer
     >>> images = np.zeros((2, 32, 32, 3), np.uint8)
@@ -48,49 +49,45 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         self.layout = layout
 
     def fit(self, X: ArrayLike, y: object = None) -> HOGTransformer:
-        """Checks the images (N, H, W), (N, H, W, C) or, with an ``image_size``, (N, H · W · C), C 1 or 3.
+        """Checks the images (N, H, W) or (N, H, W, C), C 1 or 3, or with an ``image_size``, (N, H · W · C).
 
-        ``y`` does not count.
+        They may be a list, also of PIL images and tensors.  ``y`` does not count.
         """
-        self.n_features_out_ = self._described(self._images(X, reset=True)[:1]).shape[1]
+        images = self._images(X)
+        validate_data(self, images if self.image_size is None else X, reset=True, skip_check_array=True)
+        self.n_features_out_ = self._described(images[:1]).shape[1]
         return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any]:
         """The descriptors (N, features), of the dtype of the images (the default dtype of PyTorch for uint8)."""
         check_is_fitted(self)
-        return self._described(self._images(X, reset=False))
+        images = self._images(X)
+        if self.image_size is not None:
+            validate_data(self, X, reset=False, skip_check_array=True)  # names and number of columns
+        descriptors = self._described(images)
+        if descriptors.shape[1] != self.n_features_out_:
+            raise ValueError(
+                f"X must have images with {self.n_features_out_} features, as in fit, got {descriptors.shape[1]}, of "
+                f"{images.shape[1]}x{images.shape[2]} pixels: resize them to the size of those"
+            )
+        return descriptors
 
     def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
         """``hog0``, ``hog1`` and so on."""
         check_is_fitted(self)
         return np.array([f"hog{k}" for k in range(self.n_features_out_)], dtype=object)
 
-    def _images(self, X: ArrayLike, reset: bool) -> NDArray[Any]:
-        if is_pil(X):
-            raise TypeError("X must be a batch of images, got a PIL image: write [image]")
-        if isinstance(X, list | tuple):  # scikit-learn makes floats of them
-            X = np.asarray([pil_pixels("X", x) if is_pil(x) else x for x in X])
-        check_unmasked("X", X)
-        if getattr(getattr(X, "dtype", None), "kind", "f") in ("U", "S"):
-            raise TypeError("X must hold real numbers, got strings: write X.astype(float)")
-        numbers = [np.float64, np.float32, np.uint8]  # the first for all others
-        values: NDArray[Any] = validate_data(self, X, dtype=numbers, allow_nd=self.image_size is None, reset=reset)
-        return self._arranged(values)
-
-    def _arranged(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Numbers as they were passed, as images (N, H, W, C)."""
+    def _images(self, X: ArrayLike) -> NDArray[Any]:
+        """(N, H, W, C)"""
         if self.image_size is None:
-            if values.ndim not in (3, 4):
-                raise ValueError(
-                    f"images must be (N, H, W) or (N, H, W, C), or rows with an image_size, got {values.shape}"
-                )
-            return values if values.ndim == 4 else values[..., None]
-        (height, width), (count, features) = as_size("image_size", self.image_size), values.shape
-        if features not in (height * width, 3 * height * width):
+            return as_batch("X", X)
+        (height, width), rows = as_size("image_size", self.image_size), as_array("X", X)
+        if rows.ndim != 2 or rows.shape[1] not in (height * width, 3 * height * width):
             raise ValueError(
-                f"rows of images of {height}x{width} pixels must have 1 or 3 numbers a pixel, got {features} numbers"
+                f"X must be rows of images of {height}x{width} pixels, 1 or 3 numbers a pixel, got {rows.shape}: leave "
+                "image_size out for batches of images"
             )
-        return values.reshape(count, height, width, -1)
+        return as_batch("X", rows.reshape(len(rows), height, width, -1))
 
     def _described(self, images: NDArray[Any]) -> NDArray[Any]:
         layout: Any = self.layout

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -64,13 +66,14 @@ def as_images(name: str, images: object) -> tuple[Tensor, bool]:
     if array.ndim not in (3, 4) or array.shape[-1] not in (1, 3):
         raise ValueError(
             f"{name} as an array must be (H, W), (H, W, C) or (B, H, W, C) with C 1 or 3, got {array.shape}: "
-            f"{_advise_on_axes(array.shape)}"
+            f"{advise_on_axes(array.shape)}"
         )
     tensor = as_tensor(name, array)
     return (tensor if array.ndim == 4 else tensor[None]).permute(0, 3, 1, 2), array.ndim == 3
 
 
-def _advise_on_axes(shape: tuple[int, ...]) -> str:
+def advise_on_axes(shape: tuple[int, ...]) -> str:
+    """What to write for an array of images that has other axes."""
     if len(shape) in (3, 4) and shape[-3] in (1, 3):
         return "move the channels last, np.moveaxis(array, -3, -1)"
     if len(shape) in (3, 4) and shape[-1] == 4:
@@ -141,23 +144,12 @@ def as_gray(name: str, image: object) -> NDArray[np.float64]:
     """A gray image (H, W), bytes over 255, of a tensor, an array, a PIL image or nested lists; other axes are left.
 
     Raises:
-        TypeError: its numbers are not real.
-        ValueError: it masks some pixels, or the lengths of its lists differ.
+        TypeError: its numbers are not real, or the lengths of its lists differ.
+        ValueError: it masks some pixels, or has no values.
     """
-    if isinstance(image, Tensor):
-        check_dense(name, image)
-        values = image.detach().cpu()
-    elif is_pil(image):
-        values = as_tensor(name, pil_pixels(name, image))  # type: ignore[arg-type]
-    elif isinstance(image, np.ndarray | list | tuple):
-        values = as_tensor(name, image if isinstance(image, np.ndarray) else np.asarray(image))
-    else:
-        came = describe_type(image, path="PIL.Image.open(path).convert('L')", items=ITEMS)
-        raise TypeError(f"{name} must be an image (H, W), a tensor, an array, a PIL image or nested lists, got {came}")
-    if values.is_complex():
-        raise TypeError(f"{name} must hold real numbers, got {values.dtype}: write image.real")
-    result: NDArray[np.float64] = values.double().numpy()
-    return result / 255 if values.dtype == torch.uint8 else result
+    values = pil_pixels(name, image) if is_pil(image) else as_array(name, image)  # type: ignore[arg-type]
+    gray: NDArray[np.float64] = values.astype(np.float64)
+    return gray / 255 if values.dtype == np.uint8 else gray
 
 
 def as_mask(name: str, mask: object, size: tuple[int, int]) -> Tensor:
@@ -219,6 +211,36 @@ def as_tensor(name: str, array: NDArray[Any]) -> Tensor:
     native = np.require(array, dtype, ["W"])
     even = all(step >= 0 and step % native.itemsize == 0 for step in native.strides)
     return torch.from_numpy(native if even else native.copy())
+
+
+def as_array(name: str, values: object) -> NDArray[Any]:
+    """Real numbers of an array, a tensor, nested lists or what NumPy makes an array of; objects become float64.
+
+    Derivatives by a tensor are not recorded.
+
+    Raises:
+        TypeError: they are no real numbers, their lists differ in length, or a tensor is nested or sparse.
+        ValueError: an array masks some of them, or a tensor has no values.
+    """
+    if isinstance(values, Tensor):
+        check_dense(name, values)
+        check_values(name, values)
+        values = values.detach().cpu().resolve_neg().resolve_conj()
+        values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
+    check_unmasked(name, values)
+    with suppress(TypeError, ValueError, OverflowError, RuntimeError):
+        array = np.asarray(values)
+        array = array.astype(np.float64) if array.dtype == object else array
+        if array.dtype.kind in "uifb":
+            return array
+    came = describe_type(values, path="PIL.Image.open(path)", items=ITEMS)
+    if isinstance(values, np.ndarray):
+        came = f"an array of dtype {values.dtype}{': write array.real' if values.dtype.kind == 'c' else ''}"
+    elif isinstance(values, Iterator):
+        came += ": write list(…) of it"
+    elif hasattr(values, "toarray"):  # of SciPy
+        came += ": write its toarray()"
+    raise TypeError(f"{name} must be an array of real numbers, got {came}")
 
 
 def check_dense(name: str, tensor: Tensor) -> None:
