@@ -150,6 +150,21 @@ def test_contrast(seed: int, contrast: float) -> None:
         assert_close(hog(contrast * image, s), contrast**exponent * hog(image, s), rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", PRESETS)
+def test_strong_edges_tell_the_contrast_where_the_normaliser_says_so(name: str) -> None:
+    """About middle gray, which one dialect has beyond the border."""
+    s, edges = PRESETS[name](4), noise(1, 1, 24, 24) - 0.5
+    strong, half = (float(hog(128 / 255 + contrast * edges, s).norm()) for contrast in (1, 0.5))
+    assert (half < 0.99 * strong) == s.normalizer.fixes_contrast
+
+
+@pytest.mark.parametrize("name", ["aubry", "seeing3d"])
+def test_faint_edges_show_the_contrast_beside_a_large_epsilon(name: str) -> None:
+    s, edges = PRESETS[name](4), noise(1, 1, 24, 24) - 0.5
+    faint, half = (float(hog(0.5 + contrast * edges, s).norm()) for contrast in (0.02, 0.01))
+    assert half < 0.8 * faint
+
+
 @pytest.mark.parametrize("name", [name for name, s in SPECS.items() if s.gamma == "none"])
 @given(seed=seeds, brightness=st.floats(-1.0, 1.0))
 @a_few_times

@@ -119,9 +119,9 @@ def squared_norm(x: Tensor) -> Tensor:
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
     """Brings images (B, 1, H, W) of arbitrary brightness to 0…1.
 
-    HOG fixes no brightness, and except for Eq. 7 as printed no contrast.  An image whose contrast is known keeps it
-    and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on 0 and 0.5 % on
-    1.  The rest is clipped.
+    HOG fixes no brightness, and except for Eq. 7 as printed no contrast of strong edges.  An image whose contrast is
+    known keeps it and is shifted, its range centred on 0.5; any other is stretched so that 0.5 % of its pixels fall on
+    0 and 0.5 % on 1.  The rest is clipped.
     """
     pixels = image.flatten(1)
     clipped = round(TAIL_SHARE * (pixels.shape[1] - 1))

@@ -102,7 +102,10 @@ class Normalizer(Part):
     @property
     @abstractmethod
     def fixes_contrast(self) -> bool:
-        """Whether the descriptor determines the contrast of the image."""
+        """Whether entries of strong edges grow with the contrast, so that an inversion can take it from them.
+
+        Those of faint edges always grow with it, beside ε; this is too little for an inversion even where ε is large.
+        """
 
     def image_factor(self, energy: float) -> float:
         """The one factor of all histograms of an image, from the sum of their squares.

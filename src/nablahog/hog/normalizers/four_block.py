@@ -62,7 +62,7 @@ class FourBlockNorm(Normalizer):
     floor: bool = False
     kind: ClassVar[str] = "four-block"
     fixes_contrast = False
-    """Blocks have one energy."""
+    """Blocks whose energy is well above ε have one length."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
