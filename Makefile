@@ -6,50 +6,61 @@ VENV ?= .venv
 OUT ?= out/demo
 
 bin := $(VENV)/bin
-installed := $(VENV)/.installed
+# each stamp is made last, so an installation that failed is tried again
+tools := $(VENV)/.tools
+package := $(VENV)/.package
+development := $(VENV)/.development
 
-.PHONY: demo app native test sanitize docs coverage fuzz mutants bounds generated lint wheels clean
+.PHONY: demo app native loops test sanitize docs coverage fuzz mutants bounds generated lint wheels clean
 
 demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
+	@echo "Inverting both descriptors of a photograph"
 	$(bin)/nablahog demo -o $(OUT)
 
 app: native  ## the page in the browser: see a HOG, invert it, fit a pose
 	$(bin)/nablahog app
 
-native: $(installed)  ## the compiled loops, again where a source has changed
-	if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)"; \
-	    then $(bin)/cmake --build build/native; else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
+native: $(tools)  ## the package and its compiled loops, these again where a source has changed
+	@$(MAKE) --no-print-directory --jobs=2 $(package) loops
 
-test: native  ## all tests but the slow ones
+loops: $(tools)
+	@echo "Compiling the loops for this processor, where they have changed: half a minute for all"
+	if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)" \
+	    $(CMAKE_ARGS); then $(bin)/cmake --build build/native -- --quiet; \
+	    else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
+
+test sanitize docs coverage fuzz mutants generated: native $(development)
+
+test:  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal
 
-sanitize: native  ## the tests of the compiled loops under AddressSanitizer and UndefinedBehaviorSanitizer
+sanitize:  ## the tests of the compiled loops under AddressSanitizer and UndefinedBehaviorSanitizer
 	PATH="$(abspath $(bin)):$$PATH" .ci/sanitize $(ARGS)
 
-docs: native  ## the site, build/docs/html/index.html, without a network
+docs:  ## the site, build/docs/html/index.html, without a network
 	$(bin)/python -m sphinx --builder html --nitpicky --fail-on-warning --keep-going --quiet \
 	    --doctree-dir build/docs/doctrees docs build/docs/html
 	$(bin)/python -m docs.check_links build/docs/html
 
-coverage: native  ## the same, with the lines that no test runs
+coverage:  ## the same, with the lines that no test runs
 	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
 
 # fresh memory is full of large numbers, where it is glibc's: what is read before it is written shows
-fuzz: native  ## half an hour of hostile input, other every time: specs, descriptors, files, kills
+fuzz:  ## half an hour of hostile input, other every time: specs, descriptors, files, kills
 	NABLAHOG_FUZZ=60 NABLAHOG_FUZZ_SEED=$$(date +%s) MALLOC_PERTURB_=128 \
 	    $(bin)/python -m pytest tests/fuzz -n auto --dist worksteal -m "slow or not slow" $(ARGS)
 
-mutants: native  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose")
+mutants:  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose")
 	$(bin)/python -m tests.mutants $(ARGS)
 
-bounds: $(installed)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
+bounds: $(tools)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
 	$(bin)/python -m pip install --quiet uv
 	PATH="$(abspath $(bin)):$$PATH" .ci/bounds $(ARGS)
 
-generated: native  ## stubs, tables of the pages and the stored public surface, from the code that they repeat
+generated:  ## stubs, tables of the pages and the stored public surface, from the code that they repeat
 	$(bin)/python -m tests.generated
 
-lint: $(installed)  ## style and types
+lint: $(development)  ## style and types
 	$(bin)/clang-format --dry-run -Werror src/nablahog/native/*.h src/nablahog/native/*.cpp benchmarks/*.cpp
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
@@ -59,11 +70,21 @@ lint: $(installed)  ## style and types
 wheels:  ## the source distribution and the wheels of all systems into dist/
 	.ci/wheels
 
-# the stamp is made last, so an installation that failed is tried again
-$(installed): pyproject.toml constraints.txt
+$(tools): pyproject.toml
+	@echo "Making a virtual environment in $(VENV)"
 	$(PYTHON) -m venv $(VENV)
-	$(bin)/python -m pip install -c constraints.txt scikit-build-core cmake ninja
-	$(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
+	$(bin)/python -m pip install --quiet -c constraints.txt scikit-build-core cmake ninja
+	touch $@
+
+# meanwhile the loops are compiled
+$(package): $(tools) pyproject.toml constraints.txt
+	@echo "Installing nablahog and the packages that it needs into $(VENV): 1.2 GB"
+	SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[app]'
+	touch $@
+
+$(development): pyproject.toml constraints.txt | native
+	@echo "Installing the tools of the tests and of the documentation into $(VENV): 1.8 GB more"
+	SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
 	touch $@
 
 clean:  ## what the other targets made, except the virtual environment

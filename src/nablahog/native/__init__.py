@@ -1,6 +1,8 @@
 """The compiled loops: C++ behind a plain C interface, called by ctypes.
 
-``CMakeLists.txt`` builds one library for each set of instructions.  Without them the package runs on plain PyTorch.
+``CMakeLists.txt`` builds ``core.so``, which knows the level of an x86-64 processor, and ``core_v2.so`` … ``core_v4.so``, one
+for each set of instructions: all for a wheel, the processor's own in a checkout.  On other processors ``core.so`` has the
+loops.  Without them the package runs on plain PyTorch.
 """
 
 from __future__ import annotations
@@ -43,22 +45,31 @@ def library() -> ctypes.CDLL | None:
     if wanted == "none":
         return None
     core = Path(os.environ.get(LIBRARY_FOLDER, _SOURCES)) / "core.so"  # on every system
-    if not core.exists():
+    if core.exists() and changed_since(core):
+        _build_again(core)
+    best = _best_library(core, _INSTRUCTION_LEVELS[wanted]) if core.exists() else None
+    if best is None:
         warnings.warn(
-            "nablahog has no compiled loops, and runs many times slower on plain PyTorch: install a C++ compiler "
-            "(g++ 12 or clang++ 14, or newer), then nablahog again, in a checkout by `make native`",
+            f"nablahog has no compiled loops for {'this processor' if wanted == 'v4' else wanted}, and runs many times "
+            "slower on plain PyTorch: install a C++ compiler (g++ 12 or clang++ 14, or newer), then nablahog again, in "
+            "a checkout by `make native`",
             RuntimeWarning,
             stacklevel=2,
         )
         return None
-    if changed_since(core):
-        _build_again(core)
-    changed = changed_since(core)
+    changed = changed_since(best)
     if changed:
         raise RuntimeError(f"{', '.join(changed)} changed after the compiled loops were built: run `make native`")
-    level = min(_INSTRUCTION_LEVELS[wanted], ctypes.CDLL(str(core)).nablahog_level())
-    best = core.with_stem(f"core_v{level}") if level > 2 else core
     return ctypes.CDLL(str(best))
+
+
+def _best_library(core: Path, wanted: int) -> Path | None:
+    """The library with the highest instructions that the processor has and the environment allows."""
+    level = ctypes.CDLL(str(core)).nablahog_level()
+    if not level:  # not x86-64
+        return core
+    libraries = (core.with_stem(f"core_v{k}") for k in range(min(wanted, level), 1, -1))
+    return next(filter(Path.exists, libraries), None)
 
 
 def available() -> bool:
