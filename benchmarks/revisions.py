@@ -5,8 +5,8 @@
 
 A ratio is the second checkout's time over the first's: the median over pairs of processes (quartiles), since where a
 process lies in memory changes its times by some per cent; of each pair the median of ten turns.  Variables of the
-environment reach both processes: NABLAHOG_INSTRUCTIONS=v3 measures AVX2, where it is compiled (docs/kernels.md).  A case
-on two threads is timed by the wall.
+environment reach both processes: NABLAHOG_INSTRUCTIONS=v3 measures AVX2, where it is compiled (docs/kernels.md).  A
+case on two threads is timed by the wall.
 """
 
 from __future__ import annotations

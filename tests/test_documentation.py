@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
 from docs import check_links
+from nablahog.runtime.extras import PACKAGES, install_command
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -31,6 +33,34 @@ def test_links_of_markdown(page: Path) -> None:
     targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]
     files = {unquote(target.split("#")[0]) for target in targets} - {""}
     assert not [name for name in files if not name.startswith(MADE) and not (page.parent / name).exists()]
+
+
+def test_extras_are_those_of_the_package() -> None:
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+
+    def packages(name: str) -> Iterator[str]:
+        for requirement in extras[name]:
+            inner = re.match(r"nablahog\[(.*)\]", requirement)
+            if inner:
+                yield from (package for extra in inner[1].split(",") for package in packages(extra))
+            else:
+                yield re.split(r"[^\w.-]", requirement)[0]
+
+    assert {name: " ".join(packages(name)) for name in extras if name not in ("docs", "dev")} == PACKAGES
+
+
+def test_install_commands_of_the_pages() -> None:
+    """Extras are installed on each page by the command that errors show."""
+    extras = {package for packages in PACKAGES.values() for package in packages.split()}
+    seen = set()
+    for page in {*PAGES, *ROOT.glob("docs/**/*.rst"), *ROOT.glob("src/**/*.py")} - {ROOT / "CHANGELOG.md"}:
+        for command in re.findall(r"pip install [^`#\n]*[^`#\s]", page.read_text(encoding="utf-8")):
+            assert "nablahog" not in command, page
+            if extras & set(command.split()):
+                seen.add(command)
+                assert command in map(install_command, PACKAGES), page
+    assert {install_command(name) for name in ("app", "cluster", "dataset")} <= seen
 
 
 def test_dead_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

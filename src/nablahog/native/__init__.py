@@ -1,8 +1,8 @@
 """The compiled loops: C++ behind a plain C interface, called by ctypes.
 
-``CMakeLists.txt`` builds ``core.so``, which knows the level of an x86-64 processor, and ``core_v2.so`` … ``core_v4.so``, one
-for each set of instructions: all for a wheel, the processor's own in a checkout.  On other processors ``core.so`` has the
-loops.  Without them the package runs on plain PyTorch.
+``CMakeLists.txt`` builds ``core.so``, which knows the level of x86-64, and ``core_v2.so`` … ``core_v4.so``,
+one for each set of instructions: all for a wheel, the processor's own in a checkout.  On other processors ``core.so``
+has the loops.  Without them the package runs on plain PyTorch.
 """
 
 from __future__ import annotations

@@ -5,9 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+PACKAGES = {
+    "app": "scikit-image starlette uvicorn websockets msgspec",
+    "cluster": "dask distributed",
+    "dataset": "pyarrow fsspec",
+    "completion": "argcomplete",
+    "gpu": "triton",
+    "heic": "pillow-heif",
+    "skimage": "scikit-image",
+    "sklearn": "scikit-learn",
+}
+"""The packages of each extra."""
+
 
 class MissingExtra(ModuleNotFoundError, ValueError):
     """A package of an extra is not installed; the message says how to install it."""
+
+
+def install_command(name: str) -> str:
+    """What installs an extra, also where this package is not published; the pages say the same."""
+    return f"pip install {PACKAGES[name]}"
 
 
 @contextmanager
@@ -18,4 +35,4 @@ def extra(name: str, use: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("nablahog"):
             raise
-        raise MissingExtra(f"{use} needs {error.name}: pip install 'nablahog[{name}]'", name=error.name) from None
+        raise MissingExtra(f"{use} needs {error.name}: {install_command(name)}", name=error.name) from None

@@ -32,14 +32,14 @@ def test_it_serves_until_it_is_interrupted(photo: str) -> None:
 
 def test_without_the_extra(refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    refused("app", message="the page needs uvicorn: pip install 'nablahog[app]'")
+    refused("app", message="the page needs uvicorn: pip install scikit-image starlette uvicorn")
 
 
 def test_samples_without_the_extra(
     refused: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "skimage", None)
-    message = "a sample photograph needs skimage: pip install 'nablahog[skimage]'"
+    message = "a sample photograph needs skimage: pip install scikit-image"
     refused("demo", "-o", str(tmp_path / "demo"), message=message)
 
 

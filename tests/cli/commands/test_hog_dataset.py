@@ -128,5 +128,5 @@ def test_a_cluster_without_dask(
     monkeypatch.delitem(sys.modules, "nablahog.jobs.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "dask", None)
     out = str(tmp_path / "o.parquet")
-    message = "a cluster needs dask: pip install 'nablahog[cluster]'"
+    message = "a cluster needs dask: pip install dask distributed"
     refused("hog", str(photos / "0.png"), "-o", out, "--cluster", "local:1", message=message)

@@ -137,9 +137,10 @@ def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> i
         inform(f"nablahog pose: warning: {of_all}{warnings[0]}{advice}")
     refused = sum(one.refused for one in posed)
     if refused:
+        which = "the pose" if len(posed) == 1 else f"{refused} of {len(posed)} poses"
         inform(
-            f"nablahog pose: refused: {refused} of {len(posed)}, with a confidence below {least_confidence:g}: the "
-            "object may be missing, or unlike the model"
+            f"nablahog pose: refused, with a confidence below {least_confidence:g}: {which}; the object may be "
+            "missing, or unlike the model"
         )
     if not all(one.figures for one in posed):
         return SOME_SKIPPED

@@ -200,6 +200,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
     refused = sum(posed.refused for posed in objects)
-    lead = f"{LEAD} With a confidence below {least_confidence:g}: {refused} of {len(objects)}."
+    below = f"a confidence below {least_confidence:g}"
+    lead = f"{LEAD} " + (f"{refused} of {len(objects)} have {below}." if refused else f"None has {below}.")
     definitions = {name: text for name, text in DEFINITIONS.items() if name in rows(objects[:1])[0]}
     return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))

@@ -14,6 +14,8 @@ from typing import Any
 
 import torch
 
+from ...runtime.extras import install_command
+
 LEAST_CAPABILITY = 7, 0
 """The oldest GPUs that Triton compiles for."""
 
@@ -32,7 +34,7 @@ def _any_gpu() -> bool:
 def _missing(device: torch.device) -> str:
     """Why there are no kernels for a device; nothing if there are."""
     if find_spec("triton") is None:
-        return "Triton is not installed: pip install 'nablahog[gpu]'"
+        return f"Triton is not installed: {install_command('gpu')}"
     if device.type == "cuda" and torch.version.hip is None:
         capability = torch.cuda.get_device_capability(device)
         if capability < LEAST_CAPABILITY:
