@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import nablahog
+
 from .columns import COLUMNS
+from .columns.plain import DESCRIPTOR, SIZE
 from .known import known_failures
 from .rows import ROWS
-from .table import Column, Row, Use, run_cell
+from .table import Column, Row, Use, numbers, plain_result, run_cell
 
 KNOWN = known_failures()
 
@@ -32,6 +35,18 @@ def test_every_column_has_a_plain_result() -> None:
     """And kinds of rows and columns are the same."""
     kinds = {kind for column in COLUMNS.values() for kind in column.uses}
     assert kinds | {"context"} == {row.kind for row in ROWS.values()}
+
+
+def test_command_and_page_give_the_results_of_python() -> None:
+    pose = plain_result("estimate_pose", "box")
+    preimage = nablahog.reconstruct(DESCRIPTOR[:1], "uoctti", SIZE, quality="fast", prior=None, seed=3).image
+    for kind, names, expected, off in (
+        ("box", ("nablahog pose", "page /api/pose"), pose, 0.05),
+        ("number", ("nablahog invert", "page /api/invert"), preimage, 0.01),
+    ):
+        for name in names:
+            result = numbers(plain_result(name, kind))  # type: ignore[arg-type]
+            np.testing.assert_allclose(result, numbers(expected), atol=off, rtol=0, err_msg=name)
 
 
 def _refusing(value: float) -> float:

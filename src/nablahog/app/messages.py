@@ -29,7 +29,7 @@ from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from ..viz.pictures import cell_width, glyph_image
 
 GONE = "the server no longer has this file, as after a restart: open it again"
-_REMEDIES = {"image size": ": enter the size of the image"}
+_REMEDIES = {"image size": ": give the size of the image"}
 """What a reader can do on the page, by what an error is about."""
 logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels

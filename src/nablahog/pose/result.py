@@ -87,7 +87,7 @@ class PoseEstimate:
     share: float = 1.0
     focal_from: FocalSource = "assumed"
     principal_point: tuple[float, float] | None = None
-    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64))
+    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
 
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""
@@ -109,7 +109,7 @@ class PoseEstimate:
     def pose(self) -> Tensor:
         """(1, 6), float64, angles in degrees: what :func:`nablahog.render.render` takes together with ``camera``."""
         values = (self.azimuth, self.elevation, self.distance, self.theta, self.x, self.y)
-        return torch.tensor([values], dtype=torch.float64)
+        return torch.tensor([values], dtype=torch.float64, device="cpu")
 
     @property
     def distance_in_file_units(self) -> float:
@@ -125,7 +125,7 @@ class PoseEstimate:
         """
         place = self.principal_point or self._place
         focal = self.camera.focal
-        return torch.tensor([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1]], dtype=torch.float64)
+        return torch.tensor([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1]], dtype=torch.float64, device="cpu")
 
     def matrix(self, convention: MatrixConvention = "opencv") -> Tensor:
         """The rigid motion (4, 4), float64, from the mesh as it is in its file to the camera's frame, in its units.
@@ -140,7 +140,7 @@ class PoseEstimate:
         Raises:
             ValueError: ``convention`` is neither.
         """
-        unit = torch.tensor([self._unit] * 3 + [1], dtype=torch.float64)[:, None]
+        unit = torch.tensor([self._unit] * 3 + [1], dtype=torch.float64, device="cpu")[:, None]
         return convert_matrix(unit * (self._motion @ self.from_original), convention)
 
     @property
@@ -150,7 +150,7 @@ class PoseEstimate:
         From the camera's frame, which is OpenGL's (y up, it looks along -z), to a world with z up and the front at -y,
         in the units and with the origin of the model's file.
         """
-        world = torch.eye(4, dtype=torch.float64)
+        world = torch.eye(4, dtype=torch.float64, device="cpu")
         world[:3, :3] = self._unit * self.from_original[:3, :3]
         return world.matmul(self.matrix("opengl").inverse())
 
@@ -190,7 +190,7 @@ class PoseEstimate:
         motion = pose_matrix(self.pose[0])
         if self.principal_point is not None:
             x, y = (at - axis for at, axis in zip(self._place, self.principal_point, strict=True))
-            ray = torch.tensor([x / self.camera.focal, y / self.camera.focal, 1.0], dtype=torch.float64)
+            ray = torch.tensor([x / self.camera.focal, y / self.camera.focal, 1.0], dtype=torch.float64, device="cpu")
             motion[:3] = turn_to(ray).T @ motion[:3]
         return motion
 

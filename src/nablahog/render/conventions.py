@@ -202,7 +202,7 @@ def turn_to(ray: Tensor) -> Tensor:
 
 def pose_matrix(pose: Tensor) -> Tensor:
     """(4, 4), float64: from the object's frame to that of a camera that looks straight at it, at a pose (6,)."""
-    matrix = torch.eye(4, dtype=torch.float64)
+    matrix = torch.eye(4, dtype=torch.float64, device="cpu")
     matrix[:3, :3] = rotations(pose[None].double())[0]
     matrix[2, 3] = pose[2]
     return matrix

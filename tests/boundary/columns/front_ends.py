@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import sys
@@ -9,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,52 +20,22 @@ import torch
 from PIL import Image
 from starlette.testclient import TestClient
 
+from nablahog import Camera
 from nablahog.app.access import AccessRules
 from nablahog.app.server import make_app
 from nablahog.cli.main import main
 from nablahog.io.descriptor_file import load_descriptor
 from nablahog.io.images import read_image
+from nablahog.io.input_file import InputFile
 
 from ..table import Column, NotApplicable, Told, Use
-from .plain import DESCRIPTOR, IMAGE, as_bytes, image, name, number
+from .files import file_of, mesh_file, stored
+from .plain import BOX, CAMERA, DESCRIPTOR, IMAGE, MASK, MESH, SIZE, angle, image, name, number, size
 
 HOST = "127.0.0.1:8765"
+VIEW, FOUND = (30, 20), ("azimuth", "elevation", "distance", "theta", "x", "y")
+QUICK, ROW = {"quality": "fast", "prior": "none"}, DESCRIPTOR[0].numpy().reshape(-1)
 EIGHT_BITS = 0.01  # of pictures in files
-TIFF, PNG = ("F", "I", "CMYK", "YCbCr", "LAB"), ("1", "L", "LA", "P", "RGB", "RGBA", "I;16")
-
-
-def file_of(value: Any) -> tuple[str, bytes]:
-    """An image as a file: its ending and its bytes."""
-    source = getattr(value, "fp", None)
-    if isinstance(value, Image.Image) and isinstance(source, io.BytesIO):  # as it was opened
-        return f".{(value.format or 'png').lower()}", source.getvalue()
-    if (
-        isinstance(value, np.ndarray)
-        and value.dtype in (np.uint8, np.uint16, np.float32, bool)
-        and value.ndim in (2, 3)
-    ):
-        if value.ndim == 3 and (value.shape[2] != 3 or value.dtype != np.uint8):
-            value = as_bytes(value) if value.shape[2] == 3 and value.dtype == np.float32 else None
-        value = None if value is None or np.ma.is_masked(value) else Image.fromarray(np.ascontiguousarray(value))
-    if not isinstance(value, Image.Image) or value.mode not in (*TIFF, *PNG):
-        raise NotApplicable
-    file, form = io.BytesIO(), "TIFF" if value.mode in TIFF else "PNG"
-    if not value.width * value.height:
-        raise NotApplicable
-    value.save(file, format=form)
-    return f".{form.lower()}", file.getvalue()
-
-
-def stored(value: Any) -> tuple[str, bytes]:
-    """A descriptor as a file of NumPy or PyTorch."""
-    file = io.BytesIO()
-    if isinstance(value, np.ndarray):
-        np.save(file, value, allow_pickle=True)
-        return ".npy", file.getvalue()
-    if isinstance(value, torch.Tensor) and not value.is_nested:
-        torch.save(value, file)
-        return ".pt", file.getvalue()
-    raise NotApplicable
 
 
 @contextmanager
@@ -102,10 +74,21 @@ def pictured(value: Any, *options: str) -> Any:
         return read_image(out)
 
 
-def as_words(value: Any) -> str:
-    if not isinstance(value, str | int | float):
+def as_words(value: Any, between: str = ",") -> str:
+    """A value as it is written at the shell; the shell has no objects of Python."""
+    value = value.tolist() if isinstance(value, np.ndarray | np.generic | torch.Tensor) else value
+    if isinstance(value, list | tuple) and len(value) != 1:
+        return between.join(as_words(item) for item in value)
+    if isinstance(value, Enum) or not isinstance(value, str | int | float):
         raise NotApplicable
     return str(value)
+
+
+def as_json(**asked: Any) -> str:
+    try:
+        return json.dumps(asked)
+    except TypeError:
+        raise NotApplicable from None
 
 
 @lru_cache
@@ -123,17 +106,16 @@ def answer(path: str, **more: Any) -> Any:
 
 
 def on_page(value: Any, **asked: Any) -> Any:
+    return requested(photo=photo_id(value), **asked)
+
+
+def photo_id(value: Any) -> str:
     ending, data = file_of(value)
-    photo = answer(f"/api/photos?name=a{ending}", content=data)["id"]
-    return requested({"photo": photo, **asked})
+    return str(answer(f"/api/photos?name=a{ending}", content=data)["id"])
 
 
-def requested(asked: dict[str, Any]) -> Any:
-    try:
-        body = json.dumps({"preset": "uoctti", **asked})
-    except TypeError:
-        raise NotApplicable from None
-    key = answer("/api/hog", content=body)["key"]
+def requested(**asked: Any) -> Any:
+    key = answer("/api/hog", content=as_json(**{"preset": "uoctti", **asked}))["key"]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "d.npz")
         path.write_bytes(client().get(f"/api/hog/{key}/file").content)
@@ -141,8 +123,71 @@ def requested(asked: dict[str, Any]) -> Any:
 
 
 def uploaded(value: Any) -> Any:
+    return requested(descriptor=descriptor_id(value))
+
+
+def descriptor_id(value: Any, **more: str) -> str:
     ending, data = stored(value)
-    return requested({"descriptor": answer(f"/api/descriptors?name=d{ending}&preset=uoctti", content=data)["id"]})
+    asked = {"name": f"d{ending}", "preset": "uoctti", **more}
+    return str(answer("/api/descriptors", params=asked, content=data)["id"])
+
+
+def focal(camera: Any) -> Any:
+    """What a front end is told about a camera, whose sides are those of the photograph."""
+    if isinstance(camera, Camera) and (camera.height, camera.width) != (CAMERA.height, CAMERA.width):
+        raise NotApplicable
+    return getattr(camera, "focal", camera)
+
+
+def posed(mask: Any = None, mesh: Any = MESH, **more: Any) -> Any:
+    options = {"box": BOX, "init": VIEW, "method": "exhaustive", **more}
+    with tempfile.TemporaryDirectory() as folder:
+        photo, model, out = Path(folder, f"a{file_of(IMAGE)[0]}"), Path(folder, "m.ply"), Path(folder, "out")
+        photo.write_bytes(file_of(IMAGE)[1])
+        model.write_bytes(mesh_file(mesh))
+        if mask is not None:
+            ending, data = file_of(mask)
+            options["mask"] = str(Path(folder, f"mask{ending}"))
+            Path(options["mask"]).write_bytes(data)
+        flags = [f"--{name}={as_words(value)}" for name, value in options.items()]
+        command("pose", str(photo), "-o", str(out), "--mesh", str(model), "--least-confidence=0", *flags)
+        (found,) = json.loads((out / "poses.json").read_text())["annotations"]
+    return [found[name] for name in FOUND]
+
+
+def posed_on_page(mesh: Any = MESH, **more: Any) -> Any:
+    model = answer("/api/meshes?name=m.ply", content=mesh_file(mesh))["id"]
+    asked = {"photo": photo_id(IMAGE), "mesh": model, "box": BOX, "initial": VIEW, "method": "exhaustive", **more}
+    found = answer("/api/pose", content=as_json(**asked))
+    return [found[name] for name in FOUND]
+
+
+def inverted(*options: str, preset: Any = "uoctti", **more: Any) -> Any:
+    """The pre-image of a descriptor in one row."""
+    flags = [f"--{name.replace('_', '-')}={as_words(value, 'x')}" for name, value in (QUICK | more).items()]
+    with tempfile.TemporaryDirectory() as folder:
+        source, out = Path(folder, "d.npy"), Path(folder, "out")
+        source.write_bytes(stored(ROW)[1])
+        command("invert", str(source), "-o", str(out), f"--preset={as_words(preset)}", *flags)
+        return read_image(out / "d_preimage.png")
+
+
+def inverted_on_page(image_size: Any = SIZE, **more: Any) -> Any:
+    descriptor = descriptor_id(ROW, image_size=as_words(image_size, "x"))
+    events = answer_events("/api/invert", content=as_json(descriptor=descriptor, **QUICK, **more))
+    return read_image(InputFile("a.png", base64.b64decode(events["done"]["image"])))
+
+
+def answer_events(path: str, **more: Any) -> dict[str, Any]:
+    """The last event of each name."""
+    said = client().post(path, **more)
+    if said.status_code != 200:
+        raise Told(said.json()["error"])
+    lines = [block.split("\n") for block in said.text.strip().split("\n\n")]
+    events = {name.removeprefix("event: "): json.loads(data.removeprefix("data: ")) for name, data in lines}
+    if "error" in events:
+        raise Told(events["error"]["error"])
+    return events
 
 
 COLUMNS = [
@@ -167,5 +212,45 @@ COLUMNS = [
         },
         tolerance=1e-3,
         types=(np.ndarray, Image.Image),
+    ),
+    Column(
+        "nablahog pose",
+        {
+            "box": Use(lambda b: posed(box=b), BOX),
+            "angle": angle(lambda a: posed(init=(30, a)), 20.0),
+            "number": number(lambda n: posed(seed=n), 3),
+            "camera": Use(lambda c: posed(focal=focal(c)), CAMERA),
+            "mask": Use(lambda m: posed(mask=m), MASK),
+            "mesh": Use(lambda m: posed(mesh=m), MESH),
+        },
+        tolerance=0.05,
+    ),
+    Column(
+        "page /api/pose",
+        {
+            "box": Use(lambda b: posed_on_page(box=b), BOX),
+            "angle": angle(lambda a: posed_on_page(initial=(30, a)), 20.0),
+            "number": number(lambda n: posed_on_page(seed=n), 3),
+            "camera": Use(lambda c: posed_on_page(focal=focal(c)), CAMERA),
+            "mesh": Use(lambda m: posed_on_page(mesh=m), MESH),
+        },
+        tolerance=0.05,
+    ),
+    Column(
+        "nablahog invert",
+        {
+            "size": size(lambda s: inverted(image_size=s)),
+            "number": number(lambda n: inverted(image_size=SIZE, seed=n), 3),
+            "name": name(lambda n: inverted(image_size=SIZE, preset=n)),
+        },
+        tolerance=EIGHT_BITS,
+    ),
+    Column(
+        "page /api/invert",
+        {
+            "size": size(lambda s: inverted_on_page(s)),
+            "number": number(lambda n: inverted_on_page(seed=n), 3),
+        },
+        tolerance=EIGHT_BITS,
     ),
 ]

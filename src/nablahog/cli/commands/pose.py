@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...inputs.arrays import as_mask
 from ...inputs.boxes import Box
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import draw_polygons, read_exif_focal, read_image
@@ -25,6 +26,7 @@ from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
 from ...requests.pose import PoseRequest
 from ...runtime.cache import code_key
+from ...runtime.pytorch import in_plain_mode
 from ...runtime.text import to_unicode
 from ..arguments.options import build_request
 from ..errors import REFUSED, SOME_SKIPPED, tell
@@ -185,14 +187,18 @@ class ObjectJob:
         """Whether there are figures and a picture."""
         return len(result.figures) == 1 and result.pictures.shape == (1, 3, SIDE, SIDE)
 
+    @in_plain_mode
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
         """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
         request, photo = self._complete(), local_path(self.photo)
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
+        size = (photograph.shape[1], photograph.shape[2])
         if request.mask is not None:
-            photograph, box = apply_mask(photograph, read_image(local_path(Path(request.mask))).mean(0) > 0.5, box)
+            white = read_image(local_path(Path(request.mask))).mean(0) > 0.5
+            photograph, box = apply_mask(photograph, as_mask("--mask", white, size), box)
         if self.listed.polygons:
-            photograph, box = apply_mask(photograph, draw_polygons(self.listed.polygons, *photograph.shape[1:]), box)
+            inside = as_mask("the outline", draw_polygons(self.listed.polygons, *size), size)
+            photograph, box = apply_mask(photograph, inside, box)
         lens = read_lens(photo, request.focal, request.principal_point)
         meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
         asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}
