@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,17 @@ def test_bad_files(tmp_path: Path, refused: Callable[..., None], monkeypatch: py
     command = ["glyph", str(path), "-o", str(tmp_path / "out"), "--preset", "vlfeat"]
     refused(*command, message=f"{path}: ")
     refused(*command, message=message)
+
+
+@pytest.mark.parametrize(("name", "line"), [("svm.joblib", "joblib.load('svm.joblib').coef_"), ("svm", "pickle.load(")])
+def test_pickles_are_answered_with_the_line_that_saves_their_weights(
+    tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, name: str, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(pickle.dumps(_Bomb()))
+    for template in ([], ["--template"]):
+        refused("invert", str(tmp_path / name), "-o", str(tmp_path / "out"), *template, message=line)
+    assert not (tmp_path / "gone off").exists()
 
 
 def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused: Callable[..., None]) -> None:

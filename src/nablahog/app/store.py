@@ -18,7 +18,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..io.arrays import is_raw, read_array
+from ..io.arrays import is_raw, read_array, refuse_pickle
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
 from ..io.images import limit_size, read_exif_focal, read_image
@@ -226,6 +226,8 @@ def _check_pixels(data: bytes, name: str) -> None:
 def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
     """Keeps the descriptor, or the templates, in a file; asks back if the file does not say what it holds."""
     file = InputFile(name, data)
+    with as_request_error():
+        refuse_pickle(file)
     if file.ending not in ARRAYS:
         expected = ", ".join(ARRAYS)
         raise RequestError(422, f"{name}: expected a descriptor ({expected}), got the ending {file.ending!r}")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..invert import template_descriptor
-from ..io.arrays import is_archive, is_raw, naming
+from ..io.arrays import is_archive, is_raw, naming, refuse_pickle
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
 from ..io.files import distinct_stems, local_name, natural_order
@@ -201,6 +201,7 @@ class _Reader:
 
     def read(self, file: InputFile, stem: str) -> Source:
         request = self.request
+        refuse_pickle(file)
         if isinstance(request, GlyphRequest) and is_raw(file):
             if is_dpm_file(file):
                 raise ValueError(f"{file}: expected a descriptor, got a detector: see `nablahog invert --template`")

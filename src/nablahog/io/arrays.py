@@ -23,6 +23,8 @@ MAX_ARCHIVE_BYTES = (
     2**28
 )  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
 LIMIT_VARIABLE = "NABLAHOG_MAX_BYTES"
+PICKLE_ENDINGS = (".joblib", ".pkl", ".pickle")
+PICKLE_STARTS = tuple(bytes([0x80, protocol]) for protocol in range(2, 6))
 MAX_CHARACTERS = 2**22  # of a text; parsed JSON may take thirty times as many bytes
 
 Arrays = dict[str, NDArray[Any]]
@@ -99,6 +101,21 @@ def is_raw(path: Readable) -> bool:
             return "spec" not in archive
     except (OSError, ValueError):  # damaged; reading it as a descriptor file will say so
         return False
+
+
+def refuse_pickle(path: Readable) -> None:
+    """Raises ValueError, with the line that saves a classifier's weights, if ``path`` is a file of pickle or joblib."""
+    file = input_file(path)
+    if file.ending not in PICKLE_ENDINGS and not any(file.starts_as(".pkl", start) for start in PICKLE_STARTS):
+        return
+    file.check("an array (.npy)")
+    name = one_line(repr(os.path.basename(file.name)))
+    load = f"joblib.load({name})" if file.ending == ".joblib" else f"pickle.load(open({name}, 'rb'))"
+    module = load.partition(".")[0]
+    raise ValueError(
+        f"{file}: a pickle is never loaded, because loading runs code. Where you trust it, this writes a classifier's "
+        f"weights: import {module}, numpy; numpy.save('weights.npy', {load}.coef_)"
+    )
 
 
 def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:

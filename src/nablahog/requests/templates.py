@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..hog import HOGSpec, presets
 from ..hog.layout import from_layout
-from ..io.arrays import is_raw, naming, read_array
+from ..io.arrays import is_raw, naming, read_array, refuse_pickle
 from ..io.descriptor_file import FittedLayout
 from ..io.dpm_file import is_dpm_file, load_dpm
 from ..io.input_file import InputFile, Readable, input_file
@@ -36,6 +36,7 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
     file.check("the weights of a detector")
     if file.name.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
         return [_from_opencv(file)]
+    refuse_pickle(file)
     if not is_raw(file):
         raise ValueError(
             f"{file}: expected a model of voc-release5 (.mat), a HOGDescriptor that OpenCV saved (.yml, .xml, .json), "

@@ -44,7 +44,10 @@ def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64],
     check_values("the descriptor", values)
     values = (values[0] if is_single else values).detach().cpu()
     if values.ndim != 3 or values.shape[2] != spec.channels:
-        raise ValueError(f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}")
+        hint = "; nablahog.from_layout makes it of a library's own vector" if values.ndim < 3 else ""
+        raise ValueError(
+            f"expected a descriptor of shape (rows, cols, {spec.channels}), got {tuple(values.shape)}{hint}"
+        )
     channels = mean_over_colours(values.permute(2, 0, 1).contiguous().unsqueeze(0), spec)
     votes = spec.normalizer.edge_strengths(channels, spec.bins, spec.signed)
     if spec.pooling.has_blocks:
