@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -85,15 +86,42 @@ def test_nothing_can_be_done(
     assert not (tmp_path / "out").exists()
 
 
-def test_photographs_are_shrunk_alike_and_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    large, stored = str(tmp_path / "large.png"), tmp_path / "d.npz"
-    Image.fromarray(CHELSEA).resize((400, 300)).save(large)
-    assert main(["hog", large, "-o", str(stored)]) == 0
-    assert "shrunk to 256 pixels" in capsys.readouterr().err
-    assert load_descriptor(stored).image_size == (192, 256)
-    assert main(["hog", large, "-o", str(stored), "--size", "0"]) == 0
-    assert capsys.readouterr().err == ""
-    assert load_descriptor(stored).image_size == (300, 400)
+@pytest.fixture
+def large(tmp_path: Path) -> Path:
+    """Two photographs of 300x400 pixels in a folder."""
+    folder = tmp_path / "large"
+    folder.mkdir()
+    for name in ("a.png", "b.png"):
+        Image.fromarray(CHELSEA).resize((400, 300)).save(folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("given", ["a.png", ".", "*.png", "-"])
+@pytest.mark.parametrize(("command", "shrinks"), [("hog", False), ("glyph", True), ("invert", True)])
+def test_only_what_takes_time_shrinks_photographs_and_says_so(
+    large: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    given: str,
+    command: str,
+    shrinks: bool,
+) -> None:
+    """Of a file, a folder, a pattern and standard input."""
+    monkeypatch.setattr(invert, "invert_batch", _no_inversion)
+    monkeypatch.chdir(large)
+    shapes = []
+    for options in ([], ["--size", "0"]):
+        content = (large / "a.png").read_bytes()
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+        assert main([command, given, "-o", "out/", "--preset", "paper", *options]) in (0, 1)
+        printed = capsys.readouterr()
+        assert ("shrunk to 256 pixels; --size 0 keeps" in printed.err) == (shrinks and not options)
+        shapes.append(set(re.findall(r"(?<=\s)\d+x\d+(?=\s)", printed.out + printed.err)))
+    assert shapes == [{"192x256"} if shrinks else {"300x400"}, {"300x400"}]
+
+
+def _no_inversion(sources: Sequence[Source], *asked: Any, **options: Any) -> Any:
+    raise ValueError("{}x{} pixels".format(*sources[0].image_size))
 
 
 def test_inputs_on_both_sides_of_the_options(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:

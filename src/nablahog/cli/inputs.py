@@ -6,7 +6,7 @@ import glob
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -89,21 +89,27 @@ def _read_stdin() -> InputFile:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The inputs of a command: files, or :data:`STDIN`, and what is read; rows of data sets are read when needed.
+    """The inputs of a command: files, or :data:`STDIN`, and what is read.
 
-    ``many``: whether results go to a folder: those of several inputs, of a folder, or of a pattern, even for one file.
+    Attributes:
+        many: whether results go to a folder: those of several inputs, of a folder, or of a pattern, even for one file.
+        sources: of files, each read when it is its turn, once: descriptors of many photographs may not fit in memory.
+        datasets: their rows are read when needed.
     """
 
     paths: list[str]
     skipping: Skipping
     many: bool
-    sources: list[Source] = field(default_factory=list)
+    sources: Iterator[Source] = field(default_factory=lambda: iter(()))
     datasets: list[DescriptorDataset] = field(default_factory=list)
 
-    def parts(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
-        """The sources of files, then those of data sets that ``check`` allows, :data:`ROWS_IN_MEMORY` at a time."""
-        if self.sources:
-            yield self.sources
+    @property
+    def stems(self) -> list[str]:
+        """The stem of each file, with which the names of its results begin."""
+        return distinct_stems([Path("stdin" if path == STDIN else path) for path in self.paths])
+
+    def rows(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
+        """The sources of data sets that ``check`` allows, :data:`ROWS_IN_MEMORY` at a time."""
         for data in self.datasets:
             for first in range(0, len(data), ROWS_IN_MEMORY):
                 sources = []
@@ -128,7 +134,7 @@ def read_inputs(
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
-    A line on stderr says whether photographs were shrunk without being asked for.
+    After the last one, a line on stderr says whether photographs were shrunk to a size that speed asks for.
 
     Args:
         arguments: of the command.
@@ -151,34 +157,35 @@ def read_inputs(
         check(source)
         return [source if keep_photos else replace(source, photo=None)]
 
-    sources = read_files(expanded, read)
-    if reader.shrunk:
-        which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
-        inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
-    if not reader.arrays:
-        _check_no_array(request)
-    return replace(expanded, many=expanded.many or bool(data), sources=sources, datasets=data)
+    def read_all() -> Iterator[Source]:
+        array_option = next((name for name in ("image_size", "key") if getattr(request, name, None) is not None), None)
+        found = read_files(expanded, read)
+        yield from found if array_option is None else _with_array(found, reader, array_option)
+        if reader.shrunk:
+            which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
+            inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
+
+    return replace(expanded, many=expanded.many or bool(data), sources=read_all(), datasets=data)
 
 
-def read_files(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> list[Source]:
+def read_files(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> Iterator[Source]:
     """The sources of all files by ``read``, called with each file and its stem; skips files that it cannot read."""
-    stems = distinct_stems([Path("stdin" if path == STDIN else path) for path in expanded.paths])
-    sources = []
-    for path, stem in zip(expanded.paths, stems, strict=True):
+    for path, stem in zip(expanded.paths, expanded.stems, strict=True):
+        sources: list[Source] = []
         with expanded.skipping.guard(path):
-            sources += read(_read_stdin() if path == STDIN else InputFile(path), stem)
+            sources = read(_read_stdin() if path == STDIN else InputFile(path), stem)
+        yield from sources
     expanded.skipping.check()
-    return sources
 
 
-def _check_no_array(request: HogRequest) -> None:
-    """Raises ValueError if the request is about arrays."""
-    for option in ("image_size", "key"):
-        if getattr(request, option, None) is not None:
-            raise ValueError(
-                f"--{option.replace('_', '-')} goes with arrays of other libraries, but no input is one "
-                "(.npy, .npz, .mat)"
-            )
+def _with_array(sources: Iterable[Source], reader: _Reader, option: str) -> list[Source]:
+    """All sources, read at once; raises ValueError if none is an array, which the option is about."""
+    found = list(sources)
+    if not reader.arrays:
+        raise ValueError(
+            f"--{option.replace('_', '-')} goes with arrays of other libraries, but no input is one (.npy, .npz, .mat)"
+        )
+    return found
 
 
 def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
@@ -193,7 +200,7 @@ def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
 
 @dataclass
 class _Reader:
-    """Reads inputs; counts arrays, and photographs that were shrunk without being asked for."""
+    """Reads inputs; counts arrays, and photographs that were shrunk for speed."""
 
     request: HogRequest
     arrays: int = 0
@@ -213,14 +220,14 @@ class _Reader:
                 request.check(stored.spec)
             return from_stored(file.name, stem, stored)
         try:
-            photo = read_image(file, request.longer_side)
+            photo = read_image(file, request.size)
         except ValueError as error:
             if not isinstance(request, GlyphRequest) or file.ending in image_endings():
                 raise
             raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
         shrunk = longer_side(file) > max(photo.shape)
-        self.shrunk += shrunk and request.size is None
-        return from_photo(file.name, stem, photo, request.spec, size=request.longer_side, shrunk=shrunk)
+        self.shrunk += shrunk and request.size == LONGER_SIDE
+        return from_photo(file.name, stem, photo, request.spec, size=request.size, shrunk=shrunk)
 
 
 def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:

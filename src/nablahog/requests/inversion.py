@@ -18,6 +18,7 @@ LONGER_SIDE = 256  # pixels: the pre-image of such a photograph takes seconds
 MOST_SAMPLES = 64
 SURE_POLARITY = 0.8  # confidence below which the negative of an image is shown, too
 DEFAULT, NO_PRIOR = "default", "none"
+_SHRINK = "shrink photographs to at most N pixels on the longer side; 0 keeps their size"
 _EXCLUDED = {
     "template": ("quality fast", "method paper", "prior", "samples"),
     "method paper": ("quality fast", "prior", "samples"),
@@ -30,23 +31,14 @@ _EXCLUDED = {
 class HogRequest(Dialect):
     """The descriptor of a photograph."""
 
-    size: int | None = option(
-        None,
-        "shrink photographs to at most N pixels on the longer side; 0 keeps their size",
-        integer(0),
-        stands_for=LONGER_SIDE,
-    )
-
-    @property
-    def longer_side(self) -> int:
-        """The most pixels on the longer side of a photograph; 0 for any number."""
-        return LONGER_SIDE if self.size is None else self.size
+    size: int = option(0, _SHRINK, integer(0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class GlyphRequest(HogRequest):
     """A picture of a descriptor: that of a photograph, or one from a file, which may be an array of another library."""
 
+    size: int = option(LONGER_SIDE, _SHRINK, integer(0))
     image_size: tuple[int, int] | None = option(
         None, "height x width of an array's image; required if the array is flat", SIZE
     )

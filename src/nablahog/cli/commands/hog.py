@@ -95,34 +95,35 @@ def _write_files(
 
     Prints a table of what was written, except after writing to stdout.
     """
-    output, sources = Path(name), inputs.sources
+    output = Path(name)
     to_stdout = name == STDOUT
     if inputs.many and (to_stdout or (output.suffix and ending.endswith(output.suffix.lower()))):
         got = "stdout" if to_stdout else f"the file name {output}"
         raise ValueError(f"several inputs need a folder: expected -o DIR, got {got}")
     if to_stdout:
-        write(sys.stdout.buffer, sources[0])
+        (source,) = inputs.sources
+        write(sys.stdout.buffer, source)
         return
     if not inputs.many and is_file and not output.is_dir():
-        folder, targets = output.parent, [output]
+        folder, targets = output.parent, dict.fromkeys(inputs.stems, output)
     else:
-        folder, targets = output, [output / f"{source.stem}{ending}" for source in sources]
-    forbid_overwrite(inputs.paths, targets)
+        folder, targets = output, {stem: output / f"{stem}{ending}" for stem in inputs.stems}
+    forbid_overwrite(inputs.paths, targets.values())
+    rows = []
     with output_folder(folder):
-        for target, source in zip(targets, sources, strict=True):
+        for source in inputs.sources:
+            target = targets[source.stem]
             write(target, source)
-    print_table(
-        [
-            {
-                "input": source.path,
-                "descriptor": source.spec.name,
-                "image_size": list(source.image_size),
-                "shape": list(source.descriptor.shape),
-                "output": str(target),
-            }
-            for target, source in zip(targets, sources, strict=True)
-        ]
-    )
+            rows.append(
+                {
+                    "input": source.path,
+                    "descriptor": source.spec.name,
+                    "image_size": list(source.image_size),
+                    "shape": list(source.descriptor.shape),
+                    "output": str(target),
+                }
+            )
+    print_table(rows)
 
 
 def hog_dataset(arguments: Namespace) -> int:
@@ -131,7 +132,7 @@ def hog_dataset(arguments: Namespace) -> int:
         from ...io.descriptor_dataset import read_shard_key, shard_key, shard_name
         from ...jobs.describing import ShardJob
     request = build_request(HogRequest, arguments)
-    spec, size = request.spec, request.longer_side
+    spec, size = request.spec, request.size
     paths, target = _paths(arguments), arguments.output.rstrip("/")
     parts = [tuple(paths[start : start + SHARD]) for start in range(0, len(paths), SHARD)]
     jobs = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import time
 from argparse import Namespace
@@ -58,15 +59,15 @@ def invert(arguments: Namespace) -> int:
         inputs = read_template_inputs(arguments, request)
     else:
         inputs = read_inputs(arguments, request, keep_photos=True, check=check, datasets=True)
-    folder = Path(arguments.output)
-    names = [picture_name(source, what) for source in inputs.sources for what in PICTURES]
+    folder, sources_of_files = Path(arguments.output), list(inputs.sources)
+    names = [picture_name(source, what) for source in sources_of_files for what in PICTURES]
     forbid_overwrite(inputs.paths, [folder / name for name in (*names, "results.json", "index.html")])
     search = _in_batches if arguments.cluster is None else _on_cluster
     with output_folder(folder):
         written = _Results(folder, inputs.skipping)
         try:
             before = 0
-            for sources in inputs.parts(check):
+            for sources in filter(None, itertools.chain([sources_of_files], inputs.rows(check))):
                 for index, inversion in search(sources, arguments, request, inputs.skipping):
                     written.add(before + index, inversion)
                 inputs.skipping.check()
