@@ -37,12 +37,6 @@ from PIL import Image
 
 PAUSES = {"worker": (0.3, 2.0), "scheduler": (2.5, 8.0), "client": (2.5, 8.0), "network": (2.0, 8.0)}  # seconds
 IMAGES = {"table1": 20, "hog": 300}
-PROGRAM = """
-import sys
-from nablahog.cli.commands import hog
-from nablahog.cli.main import main
-hog.SHARD = 10
-sys.exit(main())"""
 LONGEST = 1800.0  # seconds of a run; more is an error
 
 
@@ -167,7 +161,7 @@ class Command:
 
     def run(self, out: Path, *more: str) -> subprocess.Popen[bytes]:
         target = out / "set.parquet" if self.name == "hog" else out
-        command = [sys.executable, "-c", PROGRAM, self.name, *self.arguments, "-o", str(target), "-q", *more]
+        command = [sys.executable, "-m", "nablahog", self.name, *self.arguments, "-o", str(target), "-q", *more]
         with open(self.folder / "log", "ab") as log:
             return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
 

@@ -24,6 +24,7 @@ from PIL import Image
 from nablahog.cli.commands import hog, learn, tables  # noqa: F401, loaded once
 from nablahog.cli.main import main
 from nablahog.hog.kernels import loops  # noqa: F401, loaded once
+from nablahog.io.descriptor_dataset import DescriptorDataset
 
 from .harness import examine, parts
 
@@ -33,6 +34,7 @@ TABLE1 = ["--images", "images", "--methods", "dalal-single", "--max-evaluations"
 TABLE2 = ["--objects", "3", "--methods", "exhaustive", "--conditions", "none"]
 COMMANDS: dict[str, list[str]] = {
     "hog": ["hog", *(f"images/{k}.png" for k in range(6)), "-o", "out/"],
+    "dataset": ["hog", *([f"images/{k}.png" for k in range(6)] * 100), "-o", "out.parquet", "--workers", "1"],
     "prior": ["learn", "prior", "--images", "images", "-o", "out/model.npz", "--epochs", "2"],
     "table1": ["table1", *TABLE1, "--workers", "1", "-o", "out"],
     "table2": ["table2", *TABLE2, "--workers", "2", "-o", "out"],
@@ -95,7 +97,8 @@ def finish(folder: Path, command: str) -> float:
 
 def results(folder: Path) -> dict[str, bytes]:
     """The contents of the files in the output folder, by name, without seconds: the last column of objects."""
-    files = {path.name: path.read_bytes() for path in (folder / "out").iterdir() if path.name not in VARYING}
+    (out,) = folder.glob("out*")
+    files = {path.name: path.read_bytes() for path in out.iterdir() if path.name not in VARYING}
     if "per_object.csv" in files:
         files["per_object.csv"] = b"\n".join(line.rpartition(b",")[0] for line in files["per_object.csv"].splitlines())
     return files
@@ -180,6 +183,30 @@ def test_a_table_that_is_interrupted_and_then_killed() -> None:
     finish(folder, "table1")
     assert done.items() < stored(folder).items()
     assert results(folder) == undisturbed("table1")[1]
+
+
+def test_a_data_set_that_is_interrupted_and_then_killed() -> None:
+    """Once some shards are done: it is refused, nothing is done twice, and in the end it is an undisturbed run's."""
+    folder, done = new_folder(), dict[str, int]()
+    for by in (signal.SIGINT, signal.SIGKILL):
+        process = forking.Process(target=run, args=(folder, COMMANDS["dataset"]))
+        process.start()
+        while len(shards(folder)) == len(done) and process.is_alive():
+            time.sleep(0.001)
+        end(process, by)
+        assert done.items() < shards(folder).items()
+        done = shards(folder)
+        with pytest.raises(ValueError, match="of 600 images are not there"):
+            DescriptorDataset(str(folder / "out.parquet"))
+    finish(folder, "dataset")
+    assert done.items() < shards(folder).items()
+    assert results(folder) == undisturbed("dataset")[1]
+    assert len(DescriptorDataset(str(folder / "out.parquet"))) == 600
+
+
+def shards(folder: Path) -> dict[str, int]:
+    """Shards that are done, with the times they were written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("out.parquet/part-*.parquet")}
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
-"""Data sets of descriptors: what is written is read, row by row, and shards are whole or not there."""
+"""Data sets of descriptors: what is written is read, row by row, and one that is not whole is refused."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -9,7 +10,9 @@ import pytest
 import torch
 
 from nablahog import hog, presets
-from nablahog.io.descriptor_dataset import DescriptorDataset, Row, read_shard_key, shard_key, shard_name, write_shard
+from nablahog.io import dataset_manifest, descriptor_dataset
+from nablahog.io.dataset_manifest import MANIFEST, ImageState, Manifest, read_manifest, write_manifest
+from nablahog.io.descriptor_dataset import DescriptorDataset, Row, find_shards, shard_name, write_shard
 from nablahog.io.descriptor_file import StoredDescriptor
 
 SPEC = presets.uoctti()
@@ -24,16 +27,23 @@ def rows(count: int) -> list[Row]:
     return [*made, Row("bad.png", None, "expected an image")]
 
 
-def write(folder: str, of: list[Row], each: int) -> None:
-    for number, start in enumerate(range(0, len(of), each)):
-        write_shard(f"{folder}/{shard_name(number)}", of[start : start + each], SPEC, f"key {number}")
+def write(url: str, written: list[Row], count: int) -> Manifest:
+    """Writes a data set with ``count`` rows in each shard."""
+    parts = [written[start : start + count] for start in range(0, len(written), count)]
+    manifest = Manifest(SPEC, 0, tuple(tuple(ImageState(row.path) for row in part) for part in parts))
+    write_manifest(url, manifest)
+    for number, part in enumerate(parts):
+        write_shard(f"{url}/{shard_name(number)}", part, SPEC, manifest.key(number))
+    return manifest
 
 
 @pytest.mark.parametrize("store", ["folder", "memory"])
-@pytest.mark.parametrize("each", [2, 10])
-def test_what_is_written_is_read(tmp_path: Path, store: str, each: int) -> None:
-    url = str(tmp_path / "run[1].parquet") if store == "folder" else f"memory://{tmp_path.name}-{each}/x.parquet"
-    write(url, rows(6), each)
+@pytest.mark.parametrize("count", [2, 10])
+def test_what_is_written_is_read(tmp_path: Path, store: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(descriptor_dataset, "GROUP_BYTES", 20_000)  # of the first three rows of rows(6)
+    url = str(tmp_path / "run[1].parquet") if store == "folder" else f"memory://{tmp_path.name}-{count}/x.parquet"
+    manifest = write(url, rows(6), count)
+    assert read_manifest(url) == manifest
     data = DescriptorDataset(url)
     assert (len(data), data.spec) == (6, SPEC)
     for found, expected in zip(data, rows(6), strict=True):
@@ -59,32 +69,77 @@ def test_others_read_it(tmp_path: Path) -> None:
     assert [len(each) if each else None for each in table["descriptor"].to_pylist()] == [3 * 4 * 31, 4 * 4 * 31, None]
 
 
-def test_the_key_says_what_a_shard_is_of(tmp_path: Path) -> None:
-    write(str(tmp_path), rows(3), 3)
-    assert read_shard_key(str(tmp_path / shard_name(0))) == "key 0"
-    assert read_shard_key(str(tmp_path / shard_name(1))) is None
-    (tmp_path / shard_name(1)).write_bytes((tmp_path / shard_name(0)).read_bytes()[:-9])
-    assert read_shard_key(str(tmp_path / shard_name(1))) is None
-    assert (
-        len(
-            {
-                shard_key(paths, spec, size)
-                for paths in (["a"], ["b"])
-                for spec in (SPEC, presets.dpm())
-                for size in (0, 9)
-            }
-        )
-        == 8
-    )
+@pytest.mark.parametrize("damage", ["removed", "cut", "of other images", "of another spec"])
+def test_a_data_set_that_is_not_whole_is_refused(tmp_path: Path, damage: str) -> None:
+    """Its second shard of three is not what it was; with the right one it is read again."""
+    url, shard = str(tmp_path), tmp_path / shard_name(1)
+    manifest = write(url, rows(6), 2)
+    whole = shard.read_bytes()
+    if damage == "removed":
+        shard.unlink()
+    elif damage == "cut":
+        shard.write_bytes(whole[:-9])
+    elif damage == "of other images":
+        shard.write_bytes((tmp_path / shard_name(0)).read_bytes())
+    else:
+        write_shard(str(shard), rows(6)[2:4], SPEC, replace(manifest, spec=presets.dpm()).key(1))
+    with pytest.raises(ValueError, match=r"is not whole: 2 of 6 images are not there, those of part-000001\.parquet;"):
+        DescriptorDataset(url)
+    assert [found is None for found in find_shards(url, manifest)] == [False, True, False]
+    shard.write_bytes(whole)
+    assert DescriptorDataset(url)[2].path == "2.png"
 
 
 def test_what_is_no_data_set(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no such data set"):
         DescriptorDataset(str(tmp_path))
-    (tmp_path / shard_name(0)).write_bytes(b"hello")
-    with pytest.raises(ValueError, match=r"part-000000.parquet: expected a shard of descriptors"):
+    write(str(tmp_path), rows(3), 3)
+    (tmp_path / MANIFEST).rename(tmp_path / "elsewhere")
+    with pytest.raises(FileNotFoundError, match=MANIFEST):
         DescriptorDataset(str(tmp_path))
-    write_shard(str(tmp_path / shard_name(0)), rows(1), SPEC, "")
-    write_shard(str(tmp_path / shard_name(1)), rows(1), presets.dpm(), "")
-    with pytest.raises(ValueError, match="its shards are of 2 different specs"):
+    (tmp_path / MANIFEST).write_bytes((tmp_path / "elsewhere").read_bytes()[:-9])
+    with pytest.raises(ValueError, match=f"{MANIFEST}: the list of images cannot be read"):
         DescriptorDataset(str(tmp_path))
+
+
+@pytest.mark.parametrize(("count", "size", "shards"), [(1, 1, 1), (20, 1, 4), (20_000, 1, 141), (30, 10 << 20, 5)])
+def test_shards_are_many_and_of_limited_size(count: int, size: int, shards: int) -> None:
+    """Never more than the square root of the number of images, nor more than so many bytes of files."""
+    manifest = Manifest(SPEC, 0).extended([ImageState(f"{k}.png", size, "0") for k in range(count)])
+    assert len(manifest.shards) == shards
+    assert [image.path for shard in manifest.shards for image in shard] == [f"{k}.png" for k in range(count)]
+    assert max(map(len, manifest.shards)) * size <= dataset_manifest.SHARD_BYTES
+
+
+def test_each_shard_has_a_key_of_all_that_it_depends_on() -> None:
+    manifests = [
+        Manifest(spec, size, code=code).extended([ImageState(path, 5, version)])
+        for spec in (SPEC, presets.dpm())
+        for size in (0, 9)
+        for code in ("a", "b")
+        for path in ("a.png", "b.png")
+        for version in ("1", "2")
+    ]
+    assert len({manifest.key(0) for manifest in manifests}) == len(manifests)
+
+
+@pytest.mark.parametrize(
+    ("images", "message"),
+    [
+        ([("a", 1), ("b", 1)], r"1 image not among the inputs \(c\)$"),
+        ([("a", 1), ("b", 2), ("c", 1), ("d", 1)], r"1 image changed \(b\)$"),
+        ([("b", 3)], r"2 images not among the inputs \(a, c\), 1 image changed \(b\)$"),
+    ],
+)
+def test_images_that_differ_are_named(images: list[tuple[str, int]], message: str) -> None:
+    manifest = Manifest(SPEC, 0).extended([ImageState(name, 1, "1") for name in "abc"])
+    with pytest.raises(ValueError, match=message):
+        manifest.extended([ImageState(name, 1, str(version)) for name, version in images])
+
+
+def test_new_images_come_last_in_shards_of_their_own() -> None:
+    first = Manifest(SPEC, 0).extended([ImageState(name, 1, "1") for name in "bdf"])
+    second = first.extended([ImageState(name, 1, "1") for name in "abcdef"] + [ImageState("f", 1, "1")])
+    assert second.shards[: len(first.shards)] == first.shards
+    assert [[image.path for image in shard] for shard in second.shards] == [["b", "d"], ["f"], ["a", "c"], ["e", "f"]]
+    assert second.extended([ImageState(name) for name in "ffabcde"]) == second  # nothing is known of their state

@@ -11,7 +11,7 @@ import torch
 from nablahog import hog, presets, sample_chairs
 from nablahog.cli.commands.invert import InversionJob
 from nablahog.cli.commands.pose import ObjectJob
-from nablahog.io.descriptor_dataset import shard_key
+from nablahog.io.dataset_manifest import ImageState, Manifest
 from nablahog.io.lists import AnnotatedObject
 from nablahog.paper import learned
 from nablahog.paper.baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarLibrary
@@ -41,7 +41,7 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
         "table2": PoseJob(NEAR, np.zeros((1, 8, 8), np.float32), None, models, None, Table2Settings()).key(),
         "inversion": InversionJob(source, InvertRequest()).key(),
         "pose": ObjectJob(AnnotatedObject(1, "photo.png"), photo, PoseRequest(), ()).key(),
-        "descriptors": shard_key(["a.png"], presets.uoctti(), 0),
+        "descriptors": Manifest(presets.uoctti(), 0).extended([ImageState("a.png")]).key(0),
     }
     mesh = sample_chairs()["wooden-0"]
     with monkeypatch.context() as patch:  # nothing is computed

@@ -25,6 +25,7 @@ from ..requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
 from ..requests.sources import STDIN, Source, from_photo, from_stored
 from ..requests.templates import OPENCV_ENDINGS, read_templates
 from ..runtime.extras import extra
+from ..runtime.groups import split_by_weight
 from .errors import Skipping
 from .terminal import inform
 
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
 
 DATASET = ".parquet"
 SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
-ROWS_IN_MEMORY = 1000  # of a data set, in memory at a time
+ROWS_IN_MEMORY = 1000  # of a data set, at a time
+ROW_BYTES = 1 << 28  # of their descriptors
 
 
 def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str]) -> Inputs:
@@ -109,11 +111,14 @@ class Inputs:
         return distinct_stems([Path("stdin" if path == STDIN else path) for path in self.paths])
 
     def rows(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
-        """The sources of data sets that ``check`` allows, :data:`ROWS_IN_MEMORY` at a time."""
+        """The sources of data sets that ``check`` allows, as many at a time as fit in memory."""
         for data in self.datasets:
-            for first in range(0, len(data), ROWS_IN_MEMORY):
+            numbered = split_by_weight(
+                enumerate(data), lambda item: item[1].bytes, most=ROW_BYTES, count=ROWS_IN_MEMORY
+            )
+            for rows in numbered:
                 sources = []
-                for number, row in enumerate(data[first : first + ROWS_IN_MEMORY], start=first):
+                for number, row in rows:
                     with self.skipping.guard(row.path):
                         if row.stored is None:
                             raise ValueError(f"{row.path}: {row.error}")

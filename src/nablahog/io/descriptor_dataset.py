@@ -1,36 +1,33 @@
 """Descriptors of many images: a folder of Parquet files with a row for each image, as sets of features are shared.
 
 The folder may be a URL of any store that fsspec knows, such as ``s3://bucket/photos.parquet``.  Each file is a shard,
-written whole or not at all.  Its metadata has the spec, and a key that tells which images it describes.
+written whole or not at all.  Its metadata has the spec, and a key that tells which images it describes.  Which shards
+there must be, the manifest says (:mod:`.dataset_manifest`).
 """
 
 from __future__ import annotations
 
-import glob
-import hashlib
-import io
+import bisect
+import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import fsspec
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 from torch import Tensor
 
 from ..hog import HOGSpec
-from ..runtime.cache import code_key
-from ..runtime.text import to_unicode
+from ..runtime.groups import split_by_weight
+from ..runtime.text import counted, to_unicode
+from .dataset_manifest import FORMAT, KEY, MANIFEST, Manifest, open_parquet, read_manifest, replacing_url
 from .descriptor_file import StoredDescriptor
-from .files import replacing
 
-FORMAT = 1
 SCHEMA = pa.schema(
     [
         ("path", pa.string()),
@@ -43,8 +40,9 @@ SCHEMA = pa.schema(
     ]
 )
 """``height`` and ``width`` are of the image that is described; the descriptor is row by row, cell by cell."""
-KEY = b"nablahog"
-CACHED = 4  # shards that are kept in memory
+GROUP_BYTES = 1 << 24  # of the descriptors in a row group, which is written and read as a whole
+CACHED = 4  # row groups that are kept in memory
+NAMED_SHARDS = 3  # of those that are missing, in an error
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +53,10 @@ class Row:
     stored: StoredDescriptor | None
     error: str | None = None
 
-
-def shard_key(paths: Sequence[str], spec: HOGSpec, size: int) -> str:
-    """A hash of the names of a shard's images, the dialect, the size that images are shrunk to, and the code."""
-    facts = json.dumps([FORMAT, list(paths), spec.to_json(), size, code_key(), torch.__version__])
-    return hashlib.sha256(facts.encode()).hexdigest()
+    @property
+    def bytes(self) -> int:
+        """Of the descriptor, in memory."""
+        return 0 if self.stored is None else 4 * self.stored.descriptor.numel()
 
 
 def shard_name(number: int) -> str:
@@ -67,38 +64,60 @@ def shard_name(number: int) -> str:
     return f"part-{number:06d}.parquet"
 
 
-def write_shard(url: str, rows: Sequence[Row], spec: HOGSpec, key: str) -> None:
-    """Writes the file ``url`` whole or not at all.
+def write_shard(url: str, rows: Iterable[Row], spec: HOGSpec, key: str) -> None:
+    """Writes the file ``url`` whole or not at all, with few rows in memory at a time.
 
     Raises:
         OSError: it cannot be written.
     """
-    cells = []
-    for row in rows:
-        shape = (None,) * 4 if row.stored is None else (*row.stored.image_size, *row.stored.descriptor.shape[:2])
-        values = None if row.stored is None else row.stored.descriptor.float().reshape(-1).numpy()
-        cells.append((to_unicode(row.path), *shape, values, None if row.error is None else to_unicode(row.error)))
     about = {KEY: json.dumps({"format": FORMAT, "spec": spec.to_json(), "key": key}).encode()}
-    table = pa.table([list(column) for column in zip(*cells, strict=True)], schema=SCHEMA.with_metadata(about))
-    file = io.BytesIO()
+    schema = SCHEMA.with_metadata(about)
     # smaller and faster than a dictionary, as floats rarely repeat
     split = {"descriptor.list.element": "BYTE_STREAM_SPLIT"}
-    pq.write_table(table, file, compression="zstd", use_dictionary=False, column_encoding=split)
-    system, path = fsspec.core.url_to_fs(url)
-    if isinstance(system, fsspec.implementations.local.LocalFileSystem):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as local:
-            local.write(file.getbuffer())
-        return
-    with system.open(path, "wb") as remote:  # object stores show a file only when it is whole
-        remote.write(file.getbuffer())
+    with (
+        replacing_url(url) as file,
+        pq.ParquetWriter(file, schema, compression="zstd", use_dictionary=False, column_encoding=split) as writer,
+    ):
+        for group in split_by_weight(rows, lambda row: row.bytes, most=GROUP_BYTES):
+            cells = [_make_cells(row) for row in group]
+            writer.write_table(pa.table([list(column) for column in zip(*cells, strict=True)], schema=schema))
 
 
-def read_shard_key(url: str) -> str | None:
-    """The key of a shard that is there and whole; else None."""
+def _make_cells(row: Row) -> tuple[Any, ...]:
+    """The values of a row's columns."""
+    if row.stored is None:
+        return (to_unicode(row.path), *(None,) * 5, to_unicode(str(row.error)))
+    values = row.stored.descriptor.float().reshape(-1).numpy()
+    return (to_unicode(row.path), *row.stored.image_size, *row.stored.descriptor.shape[:2], values, None)
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A shard that is there and whole.
+
+    Attributes:
+        file: its path in the store.
+        groups: the number of rows in each row group.
+    """
+
+    file: str
+    groups: list[int]
+
+
+def find_shards(url: str, manifest: Manifest) -> list[Shard | None]:
+    """The shards of the data set ``url``; None for those that are missing, damaged, or not of these images."""
+    system, folder = fsspec.core.url_to_fs(url)
+    files = [f"{folder.rstrip('/')}/{shard_name(number)}" for number in range(len(manifest.shards))]
+    return [_find_shard(system, file, manifest.key(number)) for number, file in enumerate(files)]
+
+
+def _find_shard(system: Any, file: str, key: str) -> Shard | None:
     try:
-        with fsspec.open(url, "rb") as file:
-            return str(json.loads(pq.read_schema(file).metadata[KEY])["key"])
+        with system.open(file, "rb") as opened:
+            footer = pq.read_metadata(opened)
+        if json.loads(footer.metadata[KEY])["key"] != key:
+            return None
+        return Shard(file, [footer.row_group(number).num_rows for number in range(footer.num_row_groups)])
     except Exception:  # missing, or damaged in any of many ways
         return None
 
@@ -110,35 +129,24 @@ class DescriptorDataset(Sequence[Row]):
         url: its folder.
 
     Raises:
-        FileNotFoundError: there is no such folder, or it holds no shard.
-        ValueError: a shard is none, or they are of different dialects.
+        FileNotFoundError: there is no such folder, or it holds no manifest.
+        ValueError: the manifest is damaged, or the data set is not whole: shards are missing or damaged.
     """
 
     def __init__(self, url: str) -> None:
         self.url = url
-        system, path = fsspec.core.url_to_fs(url)
-        self._files = sorted(str(file) for file in system.glob(f"{glob.escape(path.rstrip('/'))}/part-*.parquet"))
-        if not self._files:
-            raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet)")
-        self._system = system
-        self._table = lru_cache(CACHED)(lambda shard: self._read(self._files[shard]))
-        abouts = [self._read_about(file) for file in self._files]
-        self._ends = np.cumsum([count for count, _ in abouts])
-        specs = {text for _, text in abouts}
-        if len(specs) > 1:
-            raise ValueError(f"{url}: its shards are of {len(specs)} different specs")
-        self.spec = HOGSpec.from_json(specs.pop())
-
-    def _read_about(self, file: str) -> tuple[int, str]:
-        try:
-            with self._system.open(file, "rb") as opened:
-                footer = pq.read_metadata(opened)
-            return footer.num_rows, json.loads(footer.metadata[KEY])["spec"]
-        except Exception as error:
-            raise ValueError(f"{file}: expected a shard of descriptors: {' '.join(str(error).split())}") from None
+        manifest = read_manifest(url)
+        if manifest is None:
+            raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet and {MANIFEST})")
+        self.spec = manifest.spec
+        self._system, self._folder = fsspec.core.url_to_fs(url)
+        self._shards = _all_shards(url, manifest)
+        self._groups = [(shard.file, number) for shard in self._shards for number in range(len(shard.groups))]
+        self._ends = list(itertools.accumulate(rows for shard in self._shards for rows in shard.groups))
+        self._table = lru_cache(CACHED)(lambda number: self._read(*self._groups[number]))
 
     def __len__(self) -> int:
-        return int(self._ends[-1])
+        return self._ends[-1]
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
@@ -146,29 +154,28 @@ class DescriptorDataset(Sequence[Row]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"there is no row {index} of {len(self)}")
         index %= len(self)
-        shard = int(np.searchsorted(self._ends, index, side="right"))
-        first = int(self._ends[shard - 1]) if shard else 0
-        return self._row(self._table(shard), index - first)
+        group = bisect.bisect_right(self._ends, index)
+        first = self._ends[group - 1] if group else 0
+        return self._row(self._table(group), index - first)
 
     def remove(self) -> None:
-        """Removes its shards, and the folder if nothing else is in it."""
-        for file in self._files:
-            self._system.rm_file(file)
+        """Removes its files, and the folder if nothing else is in it."""
+        for shard in self._shards:
+            self._system.rm_file(shard.file)
+        self._system.rm_file(f"{self._folder.rstrip('/')}/{MANIFEST}")
         with suppress(OSError):
-            self._system.rmdir(str(Path(self._files[0]).parent))
+            self._system.rmdir(self._folder)
 
     def errors(self) -> Iterator[tuple[str, str]]:
         """The images without a descriptor, and why; descriptors are not read."""
-        for file in self._files:
-            table = self._read(file, ["path", "error"])
+        for file, group in self._groups:
+            table = self._read(file, group, ["path", "error"])
             bad = table.filter(table["error"].is_valid())
             yield from zip(bad["path"].to_pylist(), bad["error"].to_pylist(), strict=True)
 
-    def _read(self, file: str, columns: list[str] | None = None) -> pa.Table:
-        # in this thread alone: Arrow's threads read ahead into buffers of Python, and abort the process if the
-        # interpreter ends meanwhile
-        with self._system.open(file, "rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as shard:
-            return shard.read(columns, use_threads=False)
+    def _read(self, file: str, group: int, columns: list[str] | None = None) -> pa.Table:
+        with self._system.open(file, "rb") as opened, open_parquet(opened) as shard:
+            return shard.read_row_group(group, columns, use_threads=False)
 
     def _row(self, table: pa.Table, number: int) -> Row:
         values = {name: table[name][number] for name in SCHEMA.names}
@@ -178,3 +185,17 @@ class DescriptorDataset(Sequence[Row]):
         rows, cols, height, width = (values[name].as_py() for name in ("rows", "cols", "height", "width"))
         numbers: Tensor = torch.from_numpy(values["descriptor"].values.to_numpy(zero_copy_only=False).copy())
         return Row(path, StoredDescriptor(numbers.reshape(rows, cols, -1), self.spec, (height, width)))
+
+
+def _all_shards(url: str, manifest: Manifest) -> list[Shard]:
+    """The shards of a data set; ValueError if some are missing."""
+    shards = find_shards(url, manifest)
+    missing = [number for number, shard in enumerate(shards) if shard is None]
+    if missing:
+        images = sum(len(manifest.shards[number]) for number in missing)
+        names = ", ".join(map(shard_name, missing[:NAMED_SHARDS])) + (", …" if len(missing) > NAMED_SHARDS else "")
+        raise ValueError(
+            f"{url} is not whole: {images:,} of {counted(len(manifest), 'image')} are not there, those of {names}; "
+            "the command that began it, repeated, completes it"
+        )
+    return [shard for shard in shards if shard is not None]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import fsspec
-import numpy as np
 from torch import Tensor
 
 from ..hog import HOGSpec
@@ -15,14 +13,13 @@ from ..io.descriptor_dataset import Row, write_shard
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import read_image
 from ..io.input_file import InputFile
-from .store import JobResult
 
 
 @dataclass(frozen=True)
 class ShardJob:
     """Descriptors of images (files or URLs), shrunk to ``size`` pixels (0: never), for the shard ``target``.
 
-    Its ``key`` is :func:`.descriptor_dataset.shard_key`.
+    Its ``key`` is :meth:`.dataset_manifest.Manifest.key`.
     """
 
     paths: tuple[str, ...]
@@ -31,18 +28,14 @@ class ShardJob:
     target: str
     key: str
 
-    def run(self) -> JobResult:
-        """Writes the shard, where an image without a descriptor has a row, too; figures are ``images`` and ``failed``.
+    def run(self) -> int:
+        """Writes the shard, where an image without a descriptor has a row, too; returns the number of its rows.
 
         Raises:
             OSError: the shard cannot be written.
         """
-        began = time.perf_counter()
-        rows = [self._row(path) for path in self.paths]
-        write_shard(self.target, rows, self.spec, self.key)
-        failed = sum(row.stored is None for row in rows)
-        figures = {"images": len(rows), "failed": failed}
-        return JobResult([figures], np.zeros((1, 0), np.uint8), time.perf_counter() - began)
+        write_shard(self.target, map(self._row, self.paths), self.spec, self.key)
+        return len(self.paths)
 
     def _row(self, path: str) -> Row:
         try:

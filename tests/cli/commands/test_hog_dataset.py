@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import zipfile
 from collections.abc import Callable
@@ -13,11 +14,12 @@ import torch
 from PIL import Image
 
 from nablahog import hog, presets
-from nablahog.cli.commands import hog as command
 from nablahog.cli.main import main
+from nablahog.io.dataset_manifest import MANIFEST
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
 from nablahog.jobs import describing
+from nablahog.runtime import cache
 
 from ...paper.common import run_in_this_process
 from ..common import names
@@ -25,9 +27,7 @@ from ..common import names
 
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three images a file."""
     run_in_this_process(monkeypatch)
-    monkeypatch.setattr(command, "SHARD", 3)
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     printed = capsys.readouterr()
     assert printed.out == f"7 of 8 images in {out}\n"
     assert "x.png: expected an image" in printed.err
-    assert names(out) == [f"part-00000{k}.parquet" for k in range(3)]
+    assert names(out) == [MANIFEST, *(f"part-00000{k}.parquet" for k in range(3))]
     data = DescriptorDataset(str(out))
     assert [Path(row.path).name for row in data] == [*(f"{k}.png" for k in range(7)), "x.png"]
     for row in data[:7]:
@@ -56,19 +56,76 @@ def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         assert torch.equal(row.stored.descriptor, expected)
 
 
-def test_what_is_done_is_kept(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def described(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the images that are described, as they are."""
+    names_of_images: list[str] = []
+    read = describing.read_image
+    monkeypatch.setattr(
+        describing, "read_image", lambda path, size: (names_of_images.append(Path(path).name), read(path, size))[1]
+    )
+    return names_of_images
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in names(folder)}
+
+
+def test_what_is_done_is_kept(photos: Path, tmp_path: Path, described: list[str]) -> None:
     out = tmp_path / "out.parquet"
     command = ["hog", str(photos), "-o", str(out), "--quiet"]
     main(command)
-    whole = [(out / name).read_bytes() for name in names(out)]
-    (out / names(out)[1]).unlink()
-    (out / names(out)[-1]).write_bytes(b"cut off")
-    done: list[str] = []
-    write = describing.write_shard
-    monkeypatch.setattr(describing, "write_shard", lambda url, *rest: (done.append(Path(url).name), write(url, *rest)))
+    whole = contents(out)
+    (out / "part-000001.parquet").unlink()
+    (out / "part-000002.parquet").write_bytes(b"cut off")
+    described.clear()
     main(command)
-    assert sorted(done) == ["part-000001.parquet", "part-000002.parquet"]
-    assert [(out / name).read_bytes() for name in names(out)] == whole
+    assert sorted(described) == ["3.png", "4.png", "5.png", "6.png", "x.png"]
+    assert contents(out) == whole
+
+
+def test_a_new_photograph_is_the_only_one_to_be_described(
+    photos: Path, tmp_path: Path, described: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Wherever it comes in the order of the folder; the shards of the others stay."""
+    out = tmp_path / "out.parquet"
+    command = ["hog", str(photos), "-o", str(out)]
+    main(command)
+    (photos / "7.png").write_bytes((photos / "0.png").read_bytes())
+    before, times = contents(out), {name: (out / name).stat().st_mtime_ns for name in names(out)}
+    described.clear()
+    capsys.readouterr()
+    main(command)
+    assert described == ["7.png"]
+    assert capsys.readouterr().out == f"8 of 9 images in {out}, 1 of them new\n"
+    assert names(out) == [*before, "part-000003.parquet"]
+    for name in before:
+        assert name == MANIFEST or (out / name).stat().st_mtime_ns == times[name]
+    data = DescriptorDataset(str(out))
+    assert [Path(row.path).name for row in data] == [*(f"{k}.png" for k in range(7)), "x.png", "7.png"]
+    assert torch.equal(data[8].stored.descriptor, data[0].stored.descriptor)
+
+
+def test_photographs_that_are_gone_or_changed_are_named(
+    photos: Path, tmp_path: Path, refused: Callable[..., None]
+) -> None:
+    out = str(tmp_path / "o.parquet")
+    main(["hog", str(photos), "-o", out, "--quiet"])
+    (photos / "0.png").unlink()
+    os.utime(photos / "5.png", (0, 0))
+    which = f"1 image not among the inputs ({photos / '0.png'}), 1 image changed ({photos / '5.png'})"
+    refused("hog", str(photos), "-o", out, message=f"it has other images than asked for: {which}; expected another -o")
+
+
+@pytest.mark.parametrize("damage", ["part-000001.parquet", MANIFEST])
+def test_other_commands_refuse_a_data_set_that_is_not_whole(
+    photos: Path, tmp_path: Path, refused: Callable[..., None], damage: str
+) -> None:
+    out = tmp_path / "o.parquet"
+    main(["hog", str(photos), "-o", str(out), "--quiet"])
+    (out / damage).unlink()
+    message = "3 of 8 images are not there, those of part-000001.parquet" if damage != MANIFEST else "no such data set"
+    refused("invert", str(out), "-o", str(tmp_path / "inverted"), message=message)
 
 
 def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
@@ -106,14 +163,25 @@ def test_links_of_a_chain(photos: Path, tmp_path: Path) -> None:
     assert [Path(row.path.partition(".png")[0]).name for row in DescriptorDataset(out)] == ["0", "0", "1"]
 
 
-def test_what_it_refuses(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
+def test_what_it_refuses(
+    photos: Path, tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     one, other, bad, out = (
         str(tmp_path / name) for name in ("photos/0.png", "photos/1.png", "photos/x.png", "o.parquet")
     )
     assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0
-    refused("hog", *[other] * 4, "-o", out, message="has other images, or another kind of descriptor")
-    refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="expected another -o")
-    refused("hog", one, "-o", out, message="holds 1 shard of other images")
+    refused("hog", *[other] * 4, "-o", out, message=f"4 images not among the inputs ({one}, {one}, {one}, …)")
+    refused("hog", one, "-o", out, message="3 images not among the inputs")
+    refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="their name is 'uoctti', not 'dpm'")
+    refused("hog", *[one] * 4, "-o", out, "--set", "cell_size=4", message="their cell_size is (8, 8), not (4, 4)")
+    refused("hog", *[one] * 4, "-o", out, "--size", "9", message="of images at full size, not at 9 pixels")
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "_key_of_package", lambda: "with a file edited")
+        refused("hog", *[one] * 4, "-o", out, message="another version of nablahog or PyTorch wrote it")
+    (tmp_path / "o.parquet" / MANIFEST).unlink()
+    refused("hog", *[other] * 4, "-o", out, message="holds 2 shards of another data set")
+    assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0  # the same as before, so that they are its own
+    assert len(DescriptorDataset(out)) == 4
     refused("hog", f"zip://*.png::{bad}", "-o", str(tmp_path / "q.parquet"), message="File is not a zip file")
     refused("hog", bad, "-o", str(tmp_path / "q.parquet"), message="no image of 1 has a descriptor")
     (tmp_path / "s.parquet").write_bytes(b"x")

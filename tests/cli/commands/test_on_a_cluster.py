@@ -14,7 +14,6 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog.cli.commands import hog
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
@@ -99,9 +98,8 @@ def test_a_real_one(tmp_path: Path, photo: str) -> None:
 
 
 @pytest.fixture
-def dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The descriptors of four images, and of one that is none, in files of two."""
-    monkeypatch.setattr(hog, "SHARD", 2)
+def dataset(tmp_path: Path) -> str:
+    """The descriptors of four images, and of one that is none, in two files."""
     folder = tmp_path / "photos"
     folder.mkdir()
     for k in range(4):

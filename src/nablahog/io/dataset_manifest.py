@@ -1,0 +1,200 @@
+"""The manifest of a data set of descriptors: all images that it has when it is whole, and how they are described.
+
+It is written before the first descriptor, so that whoever reads can tell a whole data set from one that was cut short,
+and whoever continues knows what is left to do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import fsspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+import torch
+
+from ..hog import HOGSpec
+from ..runtime.cache import code_key
+from ..runtime.groups import split_by_weight
+from ..runtime.text import counted, to_unicode
+from .files import replacing
+
+FORMAT = 2
+MANIFEST = "_manifest"  # a Parquet file; readers of whole folders skip names that begin so
+SCHEMA = pa.schema([("path", pa.string()), ("bytes", pa.int64()), ("version", pa.string()), ("shard", pa.int32())])
+KEY = b"nablahog"
+SHARD_BYTES = 1 << 26  # of a shard's image files: some seconds of work, which a kill may lose
+NAMED_IMAGES = 3  # of those that differ, in an error
+
+
+@dataclass(frozen=True)
+class ImageState:
+    """An image, and the state of its file, as far as it is known: another state means that the image has changed.
+
+    Attributes:
+        path: a file or URL.
+        bytes: the size of the file.
+        version: the time of its last change, or what its store has for that.
+    """
+
+    path: str
+    bytes: int | None = None
+    version: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The path as text that can be written."""
+        return to_unicode(self.path)
+
+    def differs(self, other: ImageState) -> bool:
+        """Whether both states are known and not the same."""
+        pairs = ((self.bytes, other.bytes), (self.version, other.version))
+        return any(None not in pair and pair[0] != pair[1] for pair in pairs)
+
+
+def _code() -> str:
+    return f"{code_key()}, PyTorch {torch.__version__}"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a data set consists of.
+
+    Attributes:
+        spec: of the descriptors.
+        size: pixels on the longer side that images are shrunk to; 0 for full size.
+        shards: the images of each file.
+        code: a hash of the code that describes.
+    """
+
+    spec: HOGSpec
+    size: int
+    shards: tuple[tuple[ImageState, ...], ...] = ()
+    code: str = field(default_factory=_code)
+
+    def __len__(self) -> int:
+        """The number of images."""
+        return sum(map(len, self.shards))
+
+    def key(self, number: int) -> str:
+        """A hash of everything that a shard depends on."""
+        images = [(image.name, image.bytes, image.version) for image in self.shards[number]]
+        facts = json.dumps([FORMAT, self.spec.to_json(), self.size, self.code, images])
+        return hashlib.sha256(facts.encode()).hexdigest()
+
+    def check(self, other: Manifest) -> None:
+        """Raises ValueError unless the images of both are described alike."""
+        parameters = [parameter.name for parameter in dataclasses.fields(HOGSpec)]
+        for name in parameters:
+            found, expected = getattr(self.spec, name), getattr(other.spec, name)
+            if found != expected:
+                raise ValueError(
+                    f"it has other descriptors than asked for: their {name} is {found!r}, not {expected!r}"
+                )
+        if self.size != other.size:
+            found, expected = (f"{size} pixels" if size else "full size" for size in (self.size, other.size))
+            raise ValueError(f"it has other descriptors than asked for: of images at {found}, not at {expected}")
+        if self.code != other.code:
+            raise ValueError("another version of nablahog or PyTorch wrote it")
+
+    def extended(self, images: Sequence[ImageState]) -> Manifest:
+        """This manifest with further shards for those of the images that it lacks.
+
+        Each further shard has at most the square root of their number, and at most :data:`SHARD_BYTES` of files.
+
+        Raises:
+            ValueError: one of its own images is not among ``images``, or has changed.
+        """
+        inputs = {image.name: image for image in images}
+        described = [image for shard in self.shards for image in shard]
+        remaining = Counter(image.name for image in described)
+        new = []
+        for image in images:
+            if remaining[image.name]:
+                remaining[image.name] -= 1
+            else:
+                new.append(image)
+        differences = {
+            "not among the inputs": list(remaining.elements()),
+            "changed": [image.name for image in described if image.differs(inputs.get(image.name, image))],
+        }
+        if any(differences.values()):
+            parts = [_enumerate(names, how) for how, names in differences.items() if names]
+            raise ValueError(f"it has other images than asked for: {', '.join(parts)}")
+        shards = [tuple(replace(image, path=inputs[image.name].path) for image in shard) for shard in self.shards]
+        count = math.isqrt(max(len(new) - 1, 0)) + 1
+        groups = split_by_weight(new, lambda image: image.bytes or 0, most=SHARD_BYTES, count=count)
+        return replace(self, shards=(*shards, *map(tuple, groups)))
+
+
+def _enumerate(names: Sequence[str], how: str) -> str:
+    more = ", …" if len(names) > NAMED_IMAGES else ""
+    return f"{counted(len(names), 'image')} {how} ({', '.join(names[:NAMED_IMAGES])}{more})"
+
+
+def write_manifest(url: str, manifest: Manifest) -> None:
+    """Writes the manifest of the data set ``url``, whole or not at all; OSError if it cannot be written."""
+    rows = [
+        (image.name, image.bytes, image.version, number)
+        for number, shard in enumerate(manifest.shards)
+        for image in shard
+    ]
+    facts = {"format": FORMAT, "spec": manifest.spec.to_json(), "size": manifest.size, "code": manifest.code}
+    schema = SCHEMA.with_metadata({KEY: json.dumps(facts).encode()})
+    with replacing_url(f"{url}/{MANIFEST}") as file:
+        pq.write_table(pa.table([list(column) for column in zip(*rows, strict=True)], schema=schema), file)
+
+
+def read_manifest(url: str) -> Manifest | None:
+    """The manifest of the data set ``url``; None if there is none; ValueError if it is damaged."""
+    try:
+        with fsspec.open(f"{url}/{MANIFEST}", "rb") as file, open_parquet(file) as parquet:
+            table = parquet.read(use_threads=False)
+        facts = json.loads(table.schema.metadata[KEY])
+        columns = (table[name].to_pylist() for name in SCHEMA.names)
+        shards: list[list[ImageState]] = [[] for _ in range(max(table["shard"].to_pylist()) + 1)]
+        for path, size, version, number in zip(*columns, strict=True):
+            shards[number].append(ImageState(path, size, version))
+        spec = HOGSpec.from_json(facts["spec"])
+        return Manifest(spec, facts["size"], tuple(map(tuple, shards)), facts["code"])
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except Exception as error:  # damaged in any of many ways
+        raise ValueError(
+            f"{url}/{MANIFEST}: the list of images cannot be read: {' '.join(str(error).split())}"
+        ) from None
+
+
+def open_parquet(file: Any) -> pq.ParquetFile:
+    """A Parquet file to be read without threads.
+
+    Arrow's threads read ahead into buffers of Python, and abort the process if the interpreter ends meanwhile.
+    """
+    return pq.ParquetFile(file, pre_buffer=False)
+
+
+@contextmanager
+def replacing_url(url: str) -> Iterator[BinaryIO]:
+    """A binary file that becomes ``url`` when the block ends, and vanishes when it fails; makes its folder."""
+    system, path = fsspec.core.url_to_fs(url)
+    if isinstance(system, fsspec.implementations.local.LocalFileSystem):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as local:
+            yield local
+        return
+    with tempfile.TemporaryFile() as file:
+        yield file
+        file.seek(0)
+        with system.open(path, "wb") as remote:  # object stores show a file only when it is whole
+            shutil.copyfileobj(file, remote)
