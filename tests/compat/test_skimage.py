@@ -178,6 +178,8 @@ def test_tensors_have_derivatives(norm: str) -> None:
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "three dimensions": (np.zeros((32, 32, 3)), {}, "two spatial dimensions"),
     "no channels": (np.zeros((32, 32)), {"channel_axis": -1}, "two spatial dimensions"),
+    "0 channels": (np.zeros((32, 32, 0)), {"channel_axis": -1}, "at least one channel"),
+    "two axes": (np.zeros((32, 32, 3)), {"channel_axis": (-1, 0)}, "channel_axis must be an integer"),
     "no block": (np.zeros((23, 40)), {}, "at least: 24 rows and 24 cols"),
     "complex": (np.zeros((32, 32), complex), {}, "must be real"),
     "norm": (np.zeros((32, 32)), {"block_norm": "L3"}, "block_norm must be one of"),

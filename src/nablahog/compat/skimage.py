@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
@@ -15,9 +15,13 @@ from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.normalizers.block import BlockForm
 from ..hog.orientation import magnitude
+from ..inputs.arrays import as_array, check_dense, check_values
+from ..inputs.numbers import as_integer, as_plain, as_size, shortened
 from ..runtime.extras import extra
 
 __all__ = ["hog"]
+
+MOST_ORIENTATIONS = 2**16
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
@@ -107,8 +111,8 @@ def hog(
 
     Raises:
         ValueError: the image has not two dimensions beside its channels, holds no block, or is complex; or an argument
-            is out of its range.
-        TypeError: a number of bins, cells or pixels is not a whole one.
+            is out of its range, or bins or an axis are not integers.
+        TypeError: the image holds no numbers; or a number of cells or pixels is not a whole one.
         numpy.exceptions.AxisError: the image has no such ``channel_axis``.
 
     Source: ``skimage/feature/_hog.py``.
@@ -123,10 +127,9 @@ def hog(
     >>> image.grad.shape
     torch.Size([64, 64])
     """
-    bins = operator.index(orientations)
-    if bins < 1:
-        raise ValueError(f"orientations must be at least 1, got {bins}")
-    cell, block = _pair("pixels_per_cell", pixels_per_cell, "biuf"), _pair("cells_per_block", cells_per_block, "iu")
+    bins = as_integer("orientations", orientations, 1, MOST_ORIENTATIONS)
+    cell = _as_pair("pixels_per_cell", pixels_per_cell, may_be_floats=True)
+    block = _as_pair("cells_per_block", cells_per_block)
     # its bins do not count: other dialects have no fewer than three
     spec = presets.skimage(
         pixels_per_cell=cell,
@@ -135,6 +138,8 @@ def hog(
         transform_sqrt=transform_sqrt and isinstance(image, Tensor),  # arrays take NumPy's square root
         value_range=1.0,
     )
+    if isinstance(image, np.ndarray | Tensor) and "complex" in str(image.dtype):
+        raise ValueError(f"the image must be real, got {image.dtype}: write image.real")
     values = _tensor(image) if isinstance(image, Tensor) else _array(image, transform_sqrt)
     planes = _planes(values, channel_axis)
     size = planes.shape[1], planes.shape[2]
@@ -155,41 +160,41 @@ def hog(
     return (results[0], results[1]) if visualize else results[0]
 
 
-def _pair(name: str, sides: Sequence[float], kinds: str) -> tuple[int, int]:
-    """Two whole numbers, stored as one of NumPy's ``kinds``."""
-    numbers = np.array(list(sides) if isinstance(sides, Iterable) else sides)
-    if numbers.ndim and len(numbers) != 2:
-        raise ValueError(f"{name} must be two numbers, got {sides!r}")
-    if numbers.dtype.kind not in kinds or numbers.ndim != 1 or (numbers != numbers.round()).any():
-        raise TypeError(f"{name} must be two whole numbers, got {sides!r}")
-    return int(numbers[0]), int(numbers[1])
+def _as_pair(name: str, sides: object, *, may_be_floats: bool = False) -> tuple[int, int]:
+    """Two integers of whatever Python unpacks; a TypeError if one of two is not whole, as in scikit-image."""
+    is_iterated = isinstance(sides, Iterable) and not hasattr(sides, "tolist")
+    plain = as_plain(tuple(islice(sides, 3)) if is_iterated else sides)  # type: ignore[call-overload]
+    if isinstance(plain, tuple) and may_be_floats:
+        plain = tuple(int(side) if isinstance(side, float) and side.is_integer() else side for side in plain)
+    if not isinstance(plain, tuple) or (len(plain) == 2 and not all(type(side) is int for side in plain)):
+        raise TypeError(f"{name} must be two whole numbers, of rows and columns, got {shortened(sides)}")
+    return as_size(name, plain, "rows, columns")
 
 
-def _array(image: NDArray[Any], transform_sqrt: bool) -> NDArray[Any]:
+def _array(image: object, transform_sqrt: bool) -> NDArray[Any]:
     """A copy of the image, of at least two dimensions, in float32 or float64.  Masked arrays remain such."""
-    image = np.atleast_2d(image)
-    if image.dtype.kind == "c":
-        raise ValueError(f"the image must be real, got {image.dtype}")
-    values = image.astype(np.float32 if image.dtype.char in "ef" else np.float64, order="C")
-    if not isinstance(values, np.ma.MaskedArray):
-        values = np.asarray(values)
+    values = np.atleast_2d(image if isinstance(image, np.ma.MaskedArray) else as_array("image", image))
+    values = values.astype(np.float32 if values.dtype.char in "ef" else np.float64, order="C")
     return np.sqrt(values) if transform_sqrt else values
 
 
 def _tensor(image: Tensor) -> Tensor:
     """The image in float32 or float64, of at least two dimensions; not copied if it is so already."""
+    check_dense("image", image)
+    check_values("image", image)
     image = torch.atleast_2d(image)  # type: ignore[no-untyped-call]
-    if image.is_complex():
-        raise ValueError(f"the image must be real, got {image.dtype}")
     return image.to(torch.float32 if image.is_floating_point() and image.dtype != torch.float64 else torch.float64)
 
 
-def _planes(values: Image, channel_axis: int | None) -> Image:
+def _planes(values: Image, channel_axis: object) -> Image:
     """The image's channels (C, M, N)."""
-    # None or an integer, also as the only one of a tuple or an array
-    axis = None if channel_axis is None else operator.index(np.atleast_1d(channel_axis)[0])
-    if axis is not None and not -values.ndim <= axis < values.ndim:
+    axis = as_plain(channel_axis)
+    if isinstance(axis, tuple) and len(axis) == 1:
+        (axis,) = axis
+    if type(axis) is int and not -values.ndim <= axis < values.ndim:
         raise np.exceptions.AxisError(axis, values.ndim, "channel_axis")
+    if axis is not None:
+        axis = as_integer("channel_axis", axis, -values.ndim, values.ndim - 1)
     if values.ndim != (2 if axis is None else 3):  # in the words of scikit-image
         raise ValueError(
             "Only images with two spatial dimensions are supported. If using with color/multichannel images, specify "
@@ -197,6 +202,8 @@ def _planes(values: Image, channel_axis: int | None) -> Image:
         )
     if axis is None:
         return values[None]
+    if not values.shape[axis]:
+        raise ValueError(f"the image must have at least one channel, got the shape {tuple(values.shape)}")
     return values.movedim(axis, 0) if isinstance(values, Tensor) else np.moveaxis(values, axis, 0)
 
 
