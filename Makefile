@@ -15,18 +15,20 @@ development := $(VENV)/.development
 
 demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
 	@echo "Inverting both descriptors of a photograph"
-	$(bin)/nablahog demo -o $(OUT)
+	@$(bin)/nablahog demo -o $(OUT)
 
 app: native  ## the page in the browser: see a HOG, invert it, fit a pose
 	$(bin)/nablahog app
 
 native: $(tools)  ## the package and its compiled loops, these again where a source has changed
-	@$(MAKE) --no-print-directory --jobs=2 $(package) loops
+	@$(MAKE) --silent --jobs=2 $(package) loops
 
+# ninja takes the cores by itself, not from the jobs of make
 loops: $(tools)
 	@echo "Compiling the loops for this processor, where they have changed: half a minute for all"
-	if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)" \
-	    $(CMAKE_ARGS); then $(bin)/cmake --build build/native -- --quiet; \
+	@unset MAKEFLAGS; if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja \
+	    -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)" $(CMAKE_ARGS) >/dev/null; \
+	    then $(bin)/cmake --build build/native -- --quiet; \
 	    else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
 
 test sanitize docs coverage fuzz mutants generated: native $(development)
@@ -72,20 +74,20 @@ wheels:  ## the source distribution and the wheels of all systems into dist/
 
 $(tools): pyproject.toml
 	@echo "Making a virtual environment in $(VENV)"
-	$(PYTHON) -m venv $(VENV)
-	$(bin)/python -m pip install --quiet -c constraints.txt scikit-build-core cmake ninja
-	touch $@
+	@$(PYTHON) -m venv $(VENV)
+	@$(bin)/python -m pip install --quiet -c constraints.txt scikit-build-core cmake ninja
+	@touch $@
 
 # meanwhile the loops are compiled
 $(package): $(tools) pyproject.toml constraints.txt
 	@echo "Installing nablahog and the packages that it needs into $(VENV): 1.2 GB"
-	SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[app]'
-	touch $@
+	@SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[app]'
+	@touch $@
 
 $(development): pyproject.toml constraints.txt | native
 	@echo "Installing the tools of the tests and of the documentation into $(VENV): 1.8 GB more"
-	SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
-	touch $@
+	@SKBUILD_WHEEL_CMAKE=0 $(bin)/python -m pip install -c constraints.txt --no-build-isolation -e '.[dev]'
+	@touch $@
 
 clean:  ## what the other targets made, except the virtual environment
 	rm -rf out build dist docs/api/generated docs/auto_gallery docs/auto_tutorials .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
