@@ -100,6 +100,15 @@ def test_finds_an_image_from_noise_and_keeps_the_iterates() -> None:
     assert (array.image.shape, array.iterates.shape) == ((40, 40), (3, 40, 40))
 
 
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
+def test_the_distance_from_a_descriptor_of_zeros_is_absolute(spec: HOGSpec) -> None:
+    descriptor = torch.zeros_like(hog(photograph(32), spec))
+    result = reconstruct(descriptor, spec, (32, 32), method=QUICK)
+    torch.testing.assert_close(result.distance, hog(result.image, spec).flatten(1).norm(dim=1))
+    assert result.history.max() < 100
+    assert reconstruct(descriptor, spec, (32, 32), prior=None, quality="fast").distance == 0
+
+
 def test_the_seed_and_the_start_decide() -> None:
     image = photographs(1, 24)
     descriptor = hog(image, SPEC)

@@ -23,7 +23,7 @@ from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import pooling_axes, split_colours
 from ..optimize import lbfgs
-from .reconstruction import squared_norm
+from .reconstruction import squared_norm, squared_scale
 from .unknowns import CosineBasis, from_cosines, to_cosines
 
 NOMINAL_CONTRAST = 0.05  # mean gradient magnitude of a photograph in 0…1, where the descriptor leaves it open
@@ -83,7 +83,7 @@ def normalization_error(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int]
     """‖N(h) - d‖ / ‖d‖ with N the dialect's normaliser, (B,): near 0 where some histograms h have the descriptor d."""
     spec = linear_vote_spec(spec)
     residual = normalize(recover_histograms(descriptor, spec, size), spec) - descriptor.permute(0, 3, 1, 2)
-    return (squared_norm(residual) / squared_norm(descriptor)).sqrt()
+    return (squared_norm(residual) / squared_scale(descriptor)).sqrt()
 
 
 def set_nominal_contrast(histograms: Tensor, spec: HOGSpec, size: tuple[int, int]) -> Tensor:
@@ -126,7 +126,7 @@ def _fit_histograms(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], ma
         start = torch.log(shares / shares.amax(dim=(1, 2, 3), keepdim=True).clamp(min=tiny) + ENTRY_FLOOR)
     start += math.log(spec.value_range * NOMINAL_CONTRAST * spec.cell_size[0] * spec.cell_size[1])
     limit = start.amax(dim=(1, 2, 3), keepdim=True) + math.log(_MAX_VOTE_RATIO)  # else clipped cells run away
-    scale = squared_norm(target)
+    scale = squared_scale(target)
     levels = CosineBasis(rows, cols, target, exponent=0.5)
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:

@@ -166,7 +166,8 @@ class PublishedObjective:
     def __init__(self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], smoothness: float) -> None:
         self.spec, self.size, self.smoothness = spec, size, smoothness
         self.descriptor = descriptor.permute(0, 3, 1, 2)
-        self.length = descriptor.flatten(1).norm(dim=1).clamp(min=torch.finfo(descriptor.dtype).tiny)
+        length = descriptor.flatten(1).norm(dim=1)
+        self.length = length.masked_fill(length == 0, 1)
         self.distance = torch.zeros_like(self.length)
 
     def images(self, points: Tensor) -> Tensor:

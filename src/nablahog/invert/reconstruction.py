@@ -42,7 +42,8 @@ class Reconstruction(Generic[Values]):
 
     Attributes:
         image: (B, 1, H, W) in 0…1.
-        distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image.
+        distance: (B,), ‖φ(image) - descriptor‖ / ‖descriptor‖, of exactly this image; ‖φ(image)‖ of a descriptor of
+            zeros.
         stop_reason: why the search for each image ended; a sentence where no minimiser ended it.
         history: (evaluations, B), the relative distance of the image evaluated last, after each evaluation; a search
             that has ended repeats its last value.
@@ -112,8 +113,14 @@ class Reconstruction(Generic[Values]):
 
 
 def squared_norm(x: Tensor) -> Tensor:
-    """‖x‖² of each row of a batch (B, …), at least the smallest positive number, to divide by."""
-    return x.square().flatten(1).sum(1).clamp(min=torch.finfo(x.dtype).tiny)
+    """‖x‖² of each row of a batch (B, …)."""
+    return x.square().flatten(1).sum(1)
+
+
+def squared_scale(x: Tensor) -> Tensor:
+    """‖x‖² of each row of a batch (B, …), to divide by: 1 where x is 0, from which no distance is relative."""
+    size = squared_norm(x)
+    return size.masked_fill(size < torch.finfo(x.dtype).tiny, 1)
 
 
 def to_unit_range(image: Tensor, spec: HOGSpec) -> Tensor:
@@ -160,7 +167,7 @@ def negate(image: Tensor, which: Tensor) -> Tensor:
 def relative_distance(image: Tensor, descriptor: Tensor, spec: HOGSpec) -> Tensor:
     """‖φ(image) - descriptor‖ / ‖descriptor‖ of images (B, 1, H, W) and descriptors (B, rows, cols, channels): (B,)."""
     residual: Tensor = (hog(image, spec) - descriptor).flatten(1).norm(dim=1)
-    return residual / squared_norm(descriptor).sqrt()
+    return residual / squared_scale(descriptor).sqrt()
 
 
 def convert_like(result: Reconstruction, descriptor: Descriptors) -> Reconstruction[Descriptors]:

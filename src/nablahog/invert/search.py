@@ -14,7 +14,7 @@ from ..optimize import MINIMISERS, Minimiser
 from ..runtime.pytorch import memory_for
 from .histograms import linear_vote_spec
 from .prior.terms import Prior
-from .reconstruction import SearchRecord, Watch, squared_norm
+from .reconstruction import SearchRecord, Watch, squared_scale
 from .starts import START_NOISE, match_contrast, pair_noise, starting_images
 from .unknowns import CosineBasis, FlatRegions, low_pass
 
@@ -63,8 +63,8 @@ class PreimageObjective:
         self.priors = tuple(priors)
         self.distance = descriptor.new_zeros(len(descriptor))
         self.images = descriptor.new_zeros(len(descriptor), 1, *flat.regions.shape[1:]) if keep_images else None
-        self.descriptor_size = squared_norm(descriptor)
-        self.compared_size = self.descriptor_size if histograms is None else squared_norm(histograms)
+        self.descriptor_size = squared_scale(descriptor)
+        self.compared_size = self.descriptor_size if histograms is None else squared_scale(histograms)
         bytes_per_vote = VOTE_COPIES * descriptor.element_size()
         memory = memory_for(descriptor.device, MAX_VOTES * bytes_per_vote, VOTE_MEMORY_SHARE)
         self.votes_at_once = max(1, memory // bytes_per_vote)
