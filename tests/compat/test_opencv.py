@@ -245,6 +245,15 @@ def test_options_are_refused(name: str, pair: Any) -> None:
         cv2.HOGDescriptor().compute(image, **options)
 
 
+@pytest.mark.parametrize("pair", [np.zeros((9, 9)), list(range(10**4))], ids=["an array", "a list"])
+def test_sentences_do_not_repeat_all_that_came(pair: Any) -> None:
+    for call in (lambda: HOGDescriptor(pair, None), lambda: HOGDescriptor().compute(crop(0, 160, 96, True), pair)):
+        with pytest.raises(TypeError) as error:
+            call()
+        assert len(str(error.value)) < 300
+        assert "\n" not in str(error.value)
+
+
 def test_locations_in_a_umat_are_refused() -> None:
     corners = cv2.UMat(np.zeros((1, 2), np.int32))
     for each, error in ((HOGDescriptor, TypeError), (cv2.HOGDescriptor, cv2.error)):

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...inputs.numbers import shortened
 from .original import load_original
 
 Size: TypeAlias = tuple[int, int]  # (width, height), as everywhere in OpenCV
@@ -25,7 +26,7 @@ def integer(name: str, value: Any, default: int = 0) -> int:
     """An integer of 32 bits."""
     value = default if value is None else value
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not -(2**31) <= value < 2**31:
-        raise TypeError(f"{name} must be an integer of 32 bits, got {value!r}")
+        raise TypeError(f"{name} must be an integer of 32 bits, got {shortened(value)}")
     return int(value)
 
 
@@ -33,7 +34,7 @@ def number(name: str, value: Any, default: float) -> float:
     """A real number of 64 bits."""
     value = default if value is None else value
     if isinstance(value, bool | np.longdouble) or not isinstance(value, int | float | np.integer | np.floating):
-        raise TypeError(f"{name} must be a number, got {value!r}")
+        raise TypeError(f"{name} must be a number, got {shortened(value)}")
     try:
         return float(value)
     except OverflowError:
@@ -43,7 +44,7 @@ def number(name: str, value: Any, default: float) -> float:
 def flag(name: str, value: Any) -> bool:
     """A truth value, or an integer; False by default."""
     if value is not None and not isinstance(value, bool | np.bool_ | int | np.integer):
-        raise TypeError(f"{name} must be True or False, got {value!r}")
+        raise TypeError(f"{name} must be True or False, got {shortened(value)}")
     return bool(value)
 
 
@@ -53,7 +54,7 @@ def pair(name: str, value: Any) -> Size:
         across, down = value if isinstance(value, Sequence | np.ndarray) else ()
         return integer(name, across), integer(name, down)
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be a pair (width, height) of integers, got {value!r}") from None
+        raise TypeError(f"{name} must be a pair (width, height) of integers, got {shortened(value)}") from None
 
 
 def text(name: str, value: Any) -> str:
@@ -61,7 +62,7 @@ def text(name: str, value: Any) -> str:
     try:
         return os.fsdecode(value)
     except TypeError:
-        raise TypeError(f"{name} must be a string, got {value!r}") from None
+        raise TypeError(f"{name} must be a string, got {shortened(value)}") from None
 
 
 def stride(value: Any, default: Size) -> Size:
@@ -92,7 +93,8 @@ def array(name: str, value: Any) -> NDArray[Any]:
         pixels = value.get()
         value = () if pixels is None else pixels
     if not isinstance(value, np.ndarray | tuple):
-        raise TypeError(f"{name} must be an array, got {type(value).__name__}")
+        write = f": write np.asarray({name})" if isinstance(value, list) or hasattr(value, "__array__") else ""
+        raise TypeError(f"{name} must be an array, got {type(value).__name__}{write}")
     values = np.atleast_1d(value)
     if values.dtype.name not in _DEPTHS or not values.dtype.isnative:
         raise TypeError(f"{name} must be an array of numbers that OpenCV knows, got {values.dtype}")
@@ -105,7 +107,7 @@ def image(img: Any) -> NDArray[np.uint8]:
     """The image with its channels, (rows, cols, channels), contiguous."""
     pixels = array("img", img)
     if pixels.dtype != np.uint8:
-        raise TypeError(f"img must be an array of uint8, got {pixels.dtype}")
+        raise TypeError(f"img must be an array of uint8, got {pixels.dtype}: write img.astype(np.uint8) of 0…255")
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or not pixels.size:
         shape = getattr(img, "shape", pixels.shape)
         raise ValueError(f"img must have the shape (rows, cols) or (rows, cols, 1 or 3 channels), got {shape}")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hog import HOGSpec, presets
+from ...inputs.numbers import shortened
 from ...io.input_file import InputFile
 from . import arguments, storage
 from .arguments import Size
@@ -67,7 +68,7 @@ class Parameters:
         if any(value is None or value is ... for value in sizes):
             raise TypeError(
                 "HOGDescriptor takes no argument, the name of a file, or at least the first five, none of them None: "
-                f"got {sizes} for _winSize, _blockSize, _blockStride, _cellSize and _nbins"
+                f"got {', '.join(map(shortened, sizes))} for _winSize, _blockSize, _blockStride, _cellSize and _nbins"
             )
         window, block, stride, cell = map(arguments.pair, _PAIRS, sizes)
         bins, sigma = arguments.integer("nbins", sizes[4]), arguments.number("winSigma", _winSigma, -1)
