@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,13 @@ from nablahog.app.access import AccessRules
 from nablahog.app.server import make_app
 
 HOST = "127.0.0.1:8765"
+EVENTS = Path(__file__).parents[2] / "docs" / "app_events.md"
+
+
+def documented_fields(event: str) -> set[str]:
+    """The fields of an event of a stream on the page that describes them."""
+    section = EVENTS.read_text(encoding="utf-8").split(f"\n### {event}\n")[1].split("\n### ")[0]
+    return {name for row in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)}
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from starlette.testclient import TestClient
 
 from nablahog.app.fit import Fitting
 
-from .conftest import HOST
+from .conftest import HOST, documented_fields
 
 FIT = f"ws://{HOST}/api/fit"
 SCENE = {"photo": "scene-chair", "mesh": "chair-wooden-0"}
@@ -32,6 +32,7 @@ def until(socket: Any, *kinds: str) -> list[dict[str, Any]]:
     answers = [json.loads(socket.receive_text())]
     while answers[-1]["type"] not in kinds:
         answers.append(json.loads(socket.receive_text()))
+    assert all({*answer} - {"type"} == documented_fields(answer["type"]) for answer in answers)
     return answers
 
 
@@ -48,6 +49,7 @@ def test_it_is_turned_and_fitted(client: TestClient) -> None:
         assert len(view["derivative"]) == 6
         socket.send_json({"type": "curve", "pose": view["pose"]})
         parts = [json.loads(socket.receive_text()) for _ in range(5)]
+        assert all({*part} - {"type"} == documented_fields("curve") for part in parts)
         assert [part["done"] for part in parts] == [False] * 4 + [True]
         curve = ElementTree.fromstring(parts[-1]["chart"]["svg"])
         points = [line.attrib["points"].split() for line in curve.iterfind(".//{*}polyline[@class='l-curve']")]

@@ -20,6 +20,8 @@ from nablahog.app.store import Store
 from nablahog.app.work_queue import Cancelled, CancelToken
 from nablahog.requests.sources import from_photo
 
+from .conftest import documented_fields
+
 Event = tuple[str, dict[str, Any]]
 
 
@@ -49,6 +51,7 @@ def test_it_grows(client: TestClient, photo: str, preset: str, asked: dict[str, 
     assert names[:2] == ["queued", "start"]
     assert names[-1] == "done"
     assert {*names[2:-1]} <= {"frame"}
+    assert all({*data} == documented_fields(name) for name, data in made)
     start, done = made[1][1], made[-1][1]
     assert (start["image_size"], picture(start["photograph"]).size) == ([64, 48], (48, 64))
     assert all(picture(frame["image"]).size == (48, 64) for name, frame in made if name == "frame")
