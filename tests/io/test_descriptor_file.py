@@ -72,7 +72,7 @@ WRONG = {
     ),
     "another spec": ({"spec": np.array(presets.paper().to_json())}, r"a paper descriptor .* got \(5, 4, 31\)"),
     "another size": ({"image_size": np.array([400, 29])}, r"400x29 pixels has shape \(50, 4, 31\)"),
-    "no image": ({"image_size": np.array([0, 29])}, "at least 1x1, got 0x29"),
+    "no image": ({"image_size": np.array([0, 29])}, "image_size must be"),
     "a huge image": (
         {"spec": np.array(presets.uoctti(100_000).to_json()), "image_size": np.array([500_000, 400_000])},
         "at most 89,478,485 pixels",

@@ -124,11 +124,11 @@ def test_double_precision(descriptor: Tensor, background: Background) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"descriptor": torch.zeros(8, 9)}, r"must be a floating-point tensor \(rows, cols, 9\), got .*\(8, 9\)"),
+        ({"descriptor": torch.zeros(8, 9)}, r"must be a tensor \(rows, cols, 9\) .*got shape \(8, 9\)"),
         ({"descriptor": torch.zeros(8, 8, 9).int()}, "got torch.int32"),
-        ({"count": 0}, "count must be at least 1, or None, got 0"),
-        ({"overlap": -0.1}, "overlap must lie in 0…1"),
-        ({"threshold": float("nan")}, "threshold be at least 0"),
+        ({"count": 0}, "count must be an integer of at least 1"),
+        ({"overlap": -0.1}, "overlap must be .* in 0 … 1"),
+        ({"threshold": float("nan")}, "threshold must be"),
         ({"size": (11, 5)}, r"must have 1…10 rows and columns of cells here, got 11x5"),
     ],
 )

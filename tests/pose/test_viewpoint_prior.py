@@ -87,9 +87,9 @@ def test_a_file_holds_the_same_prior(tmp_path: Path) -> None:
     ("make", "message"),
     [
         (lambda: _prior(presets.uoctti()), "viewpoint prior"),
-        (lambda: _prior(width=0), "the width must lie in 1…1024, got 0"),
+        (lambda: _prior(width=0), "the width must be an integer in 1 … 1,024, got 0"),
         (lambda: _prior(width=3), "weights"),
-        (lambda: _prior().log_probabilities(torch.zeros(1, 3, 128, 128)), r"got \(1, 3, 128, 128\)"),
+        (lambda: _prior().log_probabilities(torch.zeros(1, 3, 128, 128)), r"got shape \(1, 3, 128, 128\)"),
     ],
 )
 def test_what_contradicts_itself_is_refused(make: object, message: str) -> None:

@@ -92,8 +92,8 @@ def test_mean_and_covariance_are_the_averages_over_all_cells_and_pairs(backgroun
         ({"images": {}}, "expected images to learn from, got none"),
         ({"order": -1}, "order must be an integer of at least 0, got -1"),
         ({"spec": presets.paper(4)}, "a locally normalised descriptor"),
-        ({"images": {"low": torch.zeros(19, 50)}}, "low: expected a gray image of at least 20x20 pixels, got 19x50"),
-        ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan: the image must be finite"),
+        ({"images": {"low": torch.zeros(19, 50)}}, "low must have at least 20x20 pixels, got 19x50"),
+        ({"images": {"nan": torch.full((30, 30), torch.nan)}}, "nan must have gray values in 0…1"),
     ],
 )
 def test_what_cannot_be_learned_from(changes: dict[str, Any], message: str) -> None:
@@ -166,7 +166,7 @@ def test_no_templates(photographs: Background, templates: Tensor) -> None:
         ({"covariance": torch.zeros(3, 4, 3, 3, dtype=torch.float64)}, r"covariance must be float64 of shape \(3, 5,"),
         ({"covariance": torch.full((1, 1, 3, 3), torch.inf, dtype=torch.float64)}, "got NaN, Inf or more"),
         ({"covariance": torch.rand(1, 3, 3, 3, dtype=torch.float64)[:, :1]}, "must not depend on which of them"),
-        ({"regularization": 0.0}, "regularization must lie in 1e-9…1e"),
+        ({"regularization": 0.0}, "regularization must be"),
     ],
 )
 def test_refuses(background: Background, changes: dict[str, Any], message: str) -> None:
@@ -180,7 +180,7 @@ def test_refuses(background: Background, changes: dict[str, Any], message: str) 
         ({"spec": np.array(presets.aubry(4).to_json())}, "mean must be float64 of shape"),
         ({"covariance": np.zeros(3)}, "covariance must be float64 of shape"),
         ({"images": np.array("{")}, "Expecting property name"),
-        ({"regularization": np.array(-1.0)}, "regularization must lie in"),
+        ({"regularization": np.array(-1.0)}, "regularization must be"),
     ],
 )
 def test_what_is_no_background(tmp_path: Path, background: Background, changes: dict[str, Any], message: str) -> None:

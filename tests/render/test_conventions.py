@@ -116,7 +116,7 @@ R, T = (torch.tensor(part)[None] for part in look_at(30, 20, 3))
     [
         (R * torch.tensor([-1.0, 1, 1]), T, 60, "R must be rotations"),
         (R, T + torch.tensor([0.5, 0, 0]), 60, "must look at the origin"),
-        (R, T[:, :2], 60, "expected R"),
+        (R, T[:, :2], 60, r"T must be a tensor \(1, 3\)"),
     ],
 )
 def test_no_pytorch3d_camera(rotation: Tensor, translation: Tensor, fov: float, message: str) -> None:

@@ -148,13 +148,13 @@ def test_derivatives() -> None:
 
 @pytest.mark.parametrize("direction", [(0, 0, 0), (math.nan, 0, 1), (math.inf, 0, 0), (1, 2)])
 def test_no_direction(direction: tuple[float, float, float]) -> None:
-    with pytest.raises(ValueError, match="three finite numbers, not all 0"):
+    with pytest.raises(ValueError, match="direction must"):
         Light(direction)
 
 
 @pytest.mark.parametrize(("ambient", "diffuse"), [(-0.1, 0.5), (0.5, -0.1), (0.6, 0.6), (math.nan, 0.1)])
 def test_no_light(ambient: float, diffuse: float) -> None:
-    with pytest.raises(ValueError, match="at least 0, and at most 1 together"):
+    with pytest.raises(ValueError, match="light must be"):
         Light(ambient=ambient, diffuse=diffuse)
 
 

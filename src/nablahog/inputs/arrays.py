@@ -251,6 +251,25 @@ def check_dense(name: str, tensor: Tensor) -> None:
         raise TypeError(f"{name} must be a dense tensor, got {tensor.layout}: write tensor.to_dense()")
 
 
+def check_shape(name: str, tensor: object, shape: tuple[int | str, ...]) -> Tensor:
+    """A dense tensor of floating point numbers with these sides, of which those with a name have any length.
+
+    Raises:
+        TypeError: it is no tensor, or a nested or sparse one.
+        ValueError: it has other sides or another dtype.
+    """
+    expected = f"{name} must be a tensor ({', '.join(map(str, shape))}) of floating point numbers"
+    if not isinstance(tensor, Tensor):
+        raise TypeError(f"{expected}, got {type(tensor).__name__}: write torch.as_tensor(…)")
+    check_dense(name, tensor)
+    sides = zip(tensor.shape, shape, strict=False)
+    if tensor.dim() != len(shape) or any(isinstance(side, int) and length != side for length, side in sides):
+        raise ValueError(f"{expected}, got shape {tuple(tensor.shape)}")
+    if not tensor.is_floating_point():
+        raise ValueError(f"{expected}, got {tensor.dtype}: write .float() of real numbers")
+    return tensor
+
+
 def check_values(name: str, tensor: Tensor) -> None:
     """Raises ValueError for a tensor on the device meta, which has a shape and no values."""
     if tensor.is_meta:

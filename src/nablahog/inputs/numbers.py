@@ -10,9 +10,11 @@ import math
 import numbers
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from ..runtime.text import one_line
+
+Kind = TypeVar("Kind")
 
 LEAST_CONSTANT, MOST_CONSTANT = 1e-12, 1e12  # bounds of a spec's constants: their cubes are finite in float32
 LONGEST_SIDE = 1_000_000  # in pixels or cells
@@ -74,6 +76,14 @@ def as_numbers(name: str, value: object, of_what: str) -> tuple[float, ...]:
     return tuple(map(float, plain))
 
 
+def as_integers(name: str, value: object, least: int = 1) -> tuple[int, ...]:
+    """One or more integers of at least ``least``, in a list, a tuple, an array or a tensor."""
+    plain = as_plain(value)
+    if not isinstance(plain, tuple) or not plain:
+        raise ValueError(f"{name} must be integers of at least {least}, such as (4, 1), got {shortened(value)}")
+    return tuple(as_integer(f"each of {name}", integer, least) for integer in plain)
+
+
 def as_size(name: str, value: object, axes: str = "height, width") -> tuple[int, int]:
     """Height and width, or both sides as ``axes`` orders them, integers in 1 … :data:`LONGEST_SIDE`."""
     plain = as_plain(value)
@@ -109,6 +119,14 @@ def as_truth(name: str, value: object) -> bool:
     if not isinstance(plain, bool):
         raise ValueError(f"{name} must be True or False, got {shortened(value)}")
     return plain
+
+
+def check_type(name: str, value: object, kind: type[Kind], write: str = "") -> Kind:
+    """``value``; TypeError unless it is of this class, with what to ``write``."""
+    if not isinstance(value, kind):
+        advice = f": write {write}" if write else ""
+        raise TypeError(f"{name} must be a {kind.__name__}, got {shortened(value)}{advice}")
+    return value
 
 
 def check_choice(name: str, value: object, choices: Any) -> None:

@@ -11,17 +11,20 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import WHITE, ArrayImage, as_images, check_values
-from ..inputs.numbers import as_integer, as_number, as_size, check_choice
+from ..inputs.arrays import WHITE, ArrayImage, as_images, check_dense, check_values
+from ..inputs.numbers import as_integer, as_number, as_size, as_truth, check_choice, check_type
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .prior.terms import Prior
 
+MOST_SAMPLES = 10_000  # of a descriptor
 LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that its fourth power does not overflow
 
 
 def check_floats(name: str, tensor: object) -> None:
     """Raises TypeError unless ``tensor`` is one of float32 or float64."""
+    if isinstance(tensor, Tensor):
+        check_dense(name, tensor)
     got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
     if got not in (torch.float32, torch.float64):
         write = f": write {name.split()[-1]}.float()" if isinstance(tensor, Tensor) else ""
@@ -64,16 +67,21 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     return height, width
 
 
+def as_unit_range(name: str, images: object) -> tuple[Tensor, bool]:
+    """:func:`.as_images` in floats in 0…1; TypeError for other dtypes than floats and uint8."""
+    images, is_single = as_images(name, images)
+    if images.dtype != torch.uint8 and not images.is_floating_point():
+        raise TypeError(f"{name} must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{WHITE}")
+    return images / 255 if images.dtype == torch.uint8 else images, is_single
+
+
 def convert_images(
     name: str, images: Tensor | ArrayImage | None, descriptor: Tensor, size: tuple[int, int], spec: HOGSpec
 ) -> Tensor | None:
     """``images`` in the descriptor's dtype and on its device; their square roots if the spec has ``gamma="sqrt"``."""
     if images is None:
         return None
-    images, _ = as_images(name, images)
-    images = images / 255 if images.dtype == torch.uint8 else images
-    if not images.is_floating_point():
-        raise TypeError(f"{name} must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{WHITE}")
+    images, _ = as_unit_range(name, images)
     if images.shape != (len(descriptor), 1, *size):
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     check_finite(name, images)
@@ -207,12 +215,17 @@ class AsPublished:
 
     def __post_init__(self) -> None:
         if self.smoothness is not None:
-            object.__setattr__(self, "smoothness", as_number("smoothness", self.smoothness))
-            if self.smoothness <= 0:
-                raise ValueError(f"smoothness must be a finite number above 0, got {self.smoothness:g}")
+            object.__setattr__(self, "smoothness", as_number("smoothness", self.smoothness, above=0))
+        object.__setattr__(self, "keep_iterates", as_truth("keep_iterates", self.keep_iterates))
         object.__setattr__(self, "iterations", as_integer("iterations", self.iterations))
         if self.max_evaluations is not None:
             object.__setattr__(self, "max_evaluations", as_integer("max_evaluations", self.max_evaluations, 2))
+
+
+def check_settings(search: object, objective: object) -> None:
+    """Raises TypeError unless these are a :class:`Search` and an :class:`Objective`."""
+    check_type("search", search, Search, "nablahog.invert.Search(…)")
+    check_type("objective", objective, Objective, "nablahog.invert.Objective(…)")
 
 
 def as_published(method: InversionMethod | AsPublished, **options: tuple[object, object]) -> AsPublished | None:

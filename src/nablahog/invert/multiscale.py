@@ -6,21 +6,19 @@ A level of scale s has 1/s of the image's pixels, and cells with sides of 1/√s
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import Descriptors, as_descriptors
-from ..inputs.numbers import as_integer, as_plain, as_seed, as_size
+from ..inputs.numbers import as_integers, as_seed, as_size
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,
@@ -28,6 +26,7 @@ from .arguments import (
     Search,
     as_published,
     check_descriptor,
+    check_settings,
     convert_images,
     find_quality,
 )
@@ -38,9 +37,9 @@ from .prior.learned import PriorChoice, Priors, as_priors
 from .prior.terms import CoarserDescriptor
 from .published import choose_smoothness, reconstruct_as_published
 from .reconstruction import Reconstruction, Values, convert_like, find_negatives, negate, relative_distance
+from .scales import SCALES, level_spec
 from .starts import enlarge, starting_images
 
-SCALES = (64, 16, 4, 1)
 COARSER_WEIGHT = 0.1  # of the distance at each coarser scale, relative to that at the level's own
 COARSE_EVALUATIONS = 120  # most evaluations of an image at each level before the last
 
@@ -58,46 +57,6 @@ class Level(Generic[Values]):
     scale: int
     spec: HOGSpec
     reconstruction: Reconstruction[Values]
-
-
-def level_spec(spec: HOGSpec, scale: int, image_size: tuple[int, int]) -> tuple[HOGSpec, tuple[int, int]]:
-    """The spec and (height, width) of a level; ValueError unless √s divides cell and image into whole pixels."""
-    factor = math.isqrt(scale) if scale >= 1 else 0
-    if factor < 1 or factor * factor != scale:
-        raise ValueError(f"a scale must be a square number of at least 1, got {scale}")
-    if any(n % factor for n in (*spec.cell_size, *image_size)):
-        raise ValueError(
-            f"an image of {image_size[0]}x{image_size[1]} pixels with cells of "
-            f"{spec.cell_size[0]}x{spec.cell_size[1]} has no scale 1/{scale}: all sides must be multiples of {factor}"
-        )
-    cell = (spec.cell_size[0] // factor, spec.cell_size[1] // factor)
-    return replace(spec, cell_size=cell), (image_size[0] // factor, image_size[1] // factor)
-
-
-def scale_descriptors(image: Tensor, spec: HOGSpec | str, scales: Sequence[int] = SCALES) -> list[Tensor]:
-    """The input of multi-scale-more: the descriptors (B, rows, cols, channels) of ``image`` at each scale.
-
-    Args:
-        image: (B, C, H, W) in 0…1.  A pixel of a level is the mean of those it covers.
-        spec: the dialect, or the name of a preset with its defaults.
-        scales: as of :func:`reconstruct_multiscale`.
-
-    Returns:
-        One descriptor for each scale, in the order of ``scales``; differentiable by ``image``.
-
-    Raises:
-        ValueError: a scale does not exist for this size; there is no such preset.
-
-    >>> descriptors = nablahog.invert.scale_descriptors(torch.rand(1, 1, 64, 64), "paper", (16, 4, 1))
-    >>> [tuple(level.shape) for level in descriptors]  # cells shrink with the image
-    [(1, 8, 8, 9), (1, 8, 8, 9), (1, 8, 8, 9)]
-    """
-    spec = as_spec(spec)
-    descriptors = []
-    for scale in scales:
-        small, _ = level_spec(spec, scale, (image.shape[2], image.shape[3]))
-        descriptors.append(hog(avg_pool2d(image, math.isqrt(scale)), small))
-    return descriptors
 
 
 @in_plain_mode
@@ -123,7 +82,7 @@ def reconstruct_multiscale(
 
     Args:
         descriptors: (B, rows, cols, channels), matched at every level (multi-scale), or one for each scale
-            (multi-scale-more, see :func:`scale_descriptors`).  Arrays as for :func:`.preimage.reconstruct`.
+            (multi-scale-more, see :func:`.scales.scale_descriptors`).  Arrays as for :func:`.preimage.reconstruct`.
         spec: the dialect at the image's own size, or the name of a preset with its defaults.
         image_size: (height, width); by default whole cells.
         scales: falling square numbers.
@@ -153,9 +112,10 @@ def reconstruct_multiscale(
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
     spec, seed = as_spec(spec), as_seed(seed)
-    scales = [as_integer("a scale", scale) for scale in as_plain(scales)]
-    same_descriptor = isinstance(descriptors, Tensor | np.ndarray)
-    inputs = [descriptors] * len(scales) if isinstance(descriptors, Tensor | np.ndarray) else list(descriptors)
+    check_settings(search, objective)
+    scales = as_integers("scales", scales)
+    same_descriptor = isinstance(descriptors, Tensor | np.ndarray | str) or not isinstance(descriptors, Iterable)
+    inputs: list[Any] = [descriptors] * len(scales) if same_descriptor else list(descriptors)
     targets = [as_descriptors("the descriptor", descriptor)[0] for descriptor in inputs]
     published = as_published(
         method, prior=(prior or "default", "default"), search=(search, Search()), objective=(objective, Objective())
@@ -223,7 +183,7 @@ def _choose_level_settings(
     published: AsPublished | None,
 ) -> list[_LevelSettings]:
     """The inputs of each level, all checked before any work; with ``same_descriptor``, all match one descriptor."""
-    if not scales or any(a <= b for a, b in pairwise(scales)):
+    if any(a <= b for a, b in pairwise(scales)):
         raise ValueError(f"the scales must fall from level to level, got {tuple(scales)}")
     if len(descriptors) != len(scales):
         raise ValueError(f"expected one descriptor per scale, {len(scales)} in all, got {len(descriptors)}")

@@ -25,6 +25,7 @@ from .arguments import (
     Search,
     as_published,
     check_descriptor,
+    check_settings,
     convert_images,
     find_quality,
 )
@@ -131,6 +132,7 @@ def reconstruct(
     (32, 32)
     """
     spec, seed = as_spec(spec), as_seed(seed)
+    check_settings(search, objective)
     targets, _ = as_descriptors("the descriptor", descriptor)
     size = check_descriptor(targets, spec, image_size)
     published = as_published(

@@ -13,7 +13,7 @@ from ..hog.spec import HOGSpec
 from ..inputs.arrays import as_descriptors
 from ..inputs.numbers import as_integer, as_seed
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, check_descriptor
+from .arguments import MOST_SAMPLES, Objective, Search, check_descriptor, check_settings
 from .choices import QualityName
 from .preimage import search_preimages
 from .prior.learned import PriorChoice, as_priors
@@ -58,14 +58,14 @@ def reconstruct_samples(
         descriptor: (B, rows, cols, channels), float32 or float64, on any device.
         spec: the dialect that made it, or the name of a preset with its defaults.
         image_size: (height, width); by default whole cells.
-        count: K, samples of each descriptor, at least 2.
+        count: K, samples of each descriptor, 2 … 10,000.
         prior: a network trained for unsigned descriptors; by default the one that comes with the package.
         quality, search, objective, progress: as in :func:`reconstruct`, for each sample.
         seed: the seed of the draws; the same for every descriptor of the batch.
 
     Raises:
         TypeError: the descriptor is no float32 or float64 tensor, or there is no prior.
-        ValueError: as :func:`reconstruct`; the prior is for signed descriptors; ``count`` is below 2.
+        ValueError: as :func:`reconstruct`; the prior is for signed descriptors; ``count`` is not in 2 … 10,000.
         FileNotFoundError: the default prior is not installed.
 
     >>> descriptor = nablahog.hog(torch.rand(1, 1, 64, 64), "paper")
@@ -73,7 +73,8 @@ def reconstruct_samples(
     >>> samples.image.shape, samples.agreement.shape
     (torch.Size([1, 2, 1, 64, 64]), torch.Size([1]))
     """
-    count, seed, spec = as_integer("count", count, 2), as_seed(seed), as_spec(spec)
+    count, seed, spec = as_integer("count", count, 2, MOST_SAMPLES), as_seed(seed), as_spec(spec)
+    check_settings(search, objective)
     learned = as_priors(prior, spec)
     if learned is None:
         raise TypeError("prior must be a LearnedPrior, a list of these or 'default', got None")

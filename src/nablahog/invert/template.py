@@ -18,7 +18,7 @@ from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..inputs.arrays import Descriptors, as_descriptors, to_array
-from ..inputs.numbers import as_size
+from ..inputs.numbers import as_seed, as_size, as_truth
 from ..runtime.pytorch import in_plain_mode
 from .arguments import Objective, Search, check_axes, check_finite, check_floats
 from .histograms import linear_vote_spec, set_nominal_contrast
@@ -73,6 +73,7 @@ def template_descriptor(
     bin_weights = dialect.normalizer.bin_weights(
         mean_over_colours(templates.permute(0, 3, 1, 2), dialect), dialect.bins, dialect.signed
     )
+    negative = as_truth("negative", negative)
     histograms = (bin_weights * (-1 if negative else 1)).clamp(min=0) ** EMPHASIS
     if not histograms.flatten(1).any(dim=1).all():
         raise ValueError(f"a template has no {'negative' if negative else 'positive'} weights of edges")
@@ -117,7 +118,7 @@ def reconstruct_template(
     >>> nablahog.invert.reconstruct_template(torch.randn(1, 4, 4, 31), spec).image.shape
     torch.Size([1, 1, 32, 32])
     """
-    spec = as_spec(spec)
+    spec, seed = as_spec(spec), as_seed(seed)
     descriptor, _ = as_descriptors("the weights", template_descriptor(weights, spec, image_size, negative=negative))
     signed = linear_vote_spec(spec).signed
     count = 1 if signed else TEMPLATE_SAMPLES

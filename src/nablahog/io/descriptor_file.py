@@ -19,8 +19,8 @@ from ..hog import HOGSpec
 from ..hog.dialects import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
-from ..inputs.arrays import as_descriptors, check_values
-from ..inputs.numbers import as_size
+from ..inputs.arrays import as_descriptors, check_dense, check_values
+from ..inputs.numbers import as_size, check_type
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
@@ -64,9 +64,11 @@ class StoredDescriptor:
         if not isinstance(self.descriptor, Tensor) or self.descriptor.dtype not in (torch.float32, torch.float64):
             got = getattr(self.descriptor, "dtype", type(self.descriptor).__name__)
             raise TypeError(f"the descriptor must be a tensor of float32 or float64, got {got}")
+        check_dense("the descriptor", self.descriptor)
+        check_values("the descriptor", self.descriptor)
+        check_type("spec", self.spec, HOGSpec, "nablahog.presets.NAME()")
+        object.__setattr__(self, "image_size", as_size("image_size", self.image_size))
         height, width = self.image_size
-        if height < 1 or width < 1:
-            raise ValueError(f"the image size must be at least 1x1, got {height}x{width}")
         limit = Image.MAX_IMAGE_PIXELS or math.inf
         if height * width > limit:
             raise ValueError(f"the image size must be at most {limit:,} pixels, got {height}x{width}")
@@ -113,9 +115,8 @@ def save_descriptor(
     """
     spec = as_spec(spec)
     tensor, is_single = as_descriptors("the descriptor", descriptor)
-    check_values("the descriptor", tensor)
     values = (tensor[0] if is_single else tensor).detach().cpu().resolve_neg()
-    stored = StoredDescriptor(values, spec, as_size("image_size", image_size))
+    stored = StoredDescriptor(values, spec, image_size)
     arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}
     write_arrays(path, FORMAT, arrays, compressed=True)
 

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
+from ..inputs.numbers import check_type
 from ..runtime.text import one_line
 from .arrays import Arrays, check_format, naming, read_arrays, read_text, write_arrays
 from .input_file import Readable
@@ -152,7 +153,8 @@ SPEC = Codec(HOGSpec.to_json, lambda arrays, name: HOGSpec.from_json(read_text(a
 def check_tensor(
     name: str, value: Tensor, dtype: torch.dtype, shape: tuple[int, ...], least: float, most: float
 ) -> None:
-    """Raises ValueError unless a tensor has this dtype and shape and lies in ``least`` … ``most``."""
+    """Raises TypeError or ValueError unless a tensor has this dtype and shape and lies in ``least`` … ``most``."""
+    check_type(f"the {name}", value, Tensor)
     if value.dtype != dtype or value.shape != shape or not value.numel():
         expected, got = (str(kind).removeprefix("torch.") for kind in (dtype, value.dtype))
         raise ValueError(f"the {name} must be {expected} of shape {shape}, got {got} of {tuple(value.shape)}")

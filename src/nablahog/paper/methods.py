@@ -13,7 +13,7 @@ from torch import Tensor
 from ..hog import HOGSpec, hog, presets
 from ..invert import AsPublished, Reconstruction, Search, reconstruct, reconstruct_multiscale, scale_descriptors
 from ..invert.histograms import linear_vote_spec
-from ..invert.multiscale import SCALES, level_spec
+from ..invert.scales import SCALES, level_spec
 from ..invert.starts import enlarge
 from ..jobs.worker import local_path
 from .baselines.cnn_hog import CNNHOG

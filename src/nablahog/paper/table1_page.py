@@ -11,7 +11,7 @@ from torch import Tensor
 
 from .. import metrics
 from ..hog import HOGSpec, hog
-from ..invert.multiscale import SCALES
+from ..invert.scales import SCALES
 from ..io.photographs import Photographs
 from ..viz import html
 from ..viz.pictures import Panel, glyphs

@@ -7,9 +7,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog.descriptor import histograms, normalize
@@ -17,8 +15,9 @@ from ..hog.dialects import as_spec
 from ..hog.gradient import gray
 from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import as_tensor
+from ..inputs.arrays import ArrayImage
 from ..inputs.numbers import as_integer
+from ..inputs.training_images import gray_photographs
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from .whitening import Background, check_spec
 
@@ -36,7 +35,7 @@ def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
 
 
 def learn_background(
-    images: Mapping[str, Tensor | NDArray[Any]],
+    images: Mapping[str, Tensor | ArrayImage],
     spec: HOGSpec | str,
     *,
     order: int = ORDER,
@@ -50,7 +49,7 @@ def learn_background(
     all pairs of cells at an offset, without the outermost cells.
 
     Args:
-        images: (H, W) each, float32 in 0…1, tensors or arrays, by name.
+        images: (H, W) each, gray, in 0…1 or uint8, tensors, arrays or PIL images, by name; described in float32.
         spec: the dialect, or the name of a preset with its defaults; not globally normalised.
         order: the largest offset between cells, at least 0; templates may have one row and column more.
         regularization: see :class:`.whitening.Background`.
@@ -58,7 +57,8 @@ def learn_background(
         map_function: as ``map``, of one argument: perhaps in other processes.
 
     Raises:
-        ValueError: there are no images, or one is too small or holds NaN or Inf; the spec is globally normalised;
+        TypeError: the images have no names, or one is no image of real numbers.
+        ValueError: there are no images, or one is too small or holds other values; the spec is globally normalised;
             ``order`` is below 0.
 
     >>> photographs = {"a": torch.rand(96, 128), "b": torch.rand(128, 96)}
@@ -69,16 +69,10 @@ def learn_background(
     spec = as_spec(spec)
     check_spec(spec)
     order = as_integer("order", order, 0)
-    if not images:
-        raise ValueError("expected images to learn from, got none")
-    tensors = {
-        name: as_tensor(name, image) if isinstance(image, np.ndarray) else image for name, image in images.items()
-    }
-    for name, image in tensors.items():
-        _check(name, image, least_size(spec, order))
+    photographs = gray_photographs(images, least_size(spec, order))
     progress(0, len(images), "")
     sums = torch.zeros((), dtype=torch.float64)
-    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), list(tensors.values()))
+    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), [photographs[name] for name in images])
     for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
         sums = sums + sums_of_image
         progress(done, len(images), name)
@@ -91,7 +85,6 @@ def learn_background(
     return Background(spec, mean, covariance[order:].contiguous(), tuple(images), regularization)
 
 
-@lru_cache(maxsize=8)
 def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     """The background of the photographs that come with scikit-image.
 
@@ -108,7 +101,11 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
     >>> background.mean.shape, background.order
     (torch.Size([9]), 2)
     """
-    spec = as_spec(spec)
+    return _default_background(as_spec(spec), as_integer("order", order, 0))
+
+
+@lru_cache(maxsize=8)
+def _default_background(spec: HOGSpec, order: int) -> Background:
     file = STORED_BACKGROUNDS / f"cells_of_{spec.cell_size[0]}.npz"
     if order == ORDER and file.exists() and spec == pose_spec(spec.cell_size[0]):
         return Background.load(file)
@@ -120,14 +117,6 @@ def default_background(spec: HOGSpec | str, order: int = ORDER) -> Background:
 def pose_spec(cell_size: int = COARSE_CELL) -> HOGSpec:
     """The descriptor of poses by default: Aubry et al.'s nine contrast-insensitive channels, of gray images."""
     return aubry(cell_size, colour="gray")
-
-
-def _check(name: str, image: Tensor, least: tuple[int, int]) -> None:
-    if image.dim() != 2 or image.shape[0] < least[0] or image.shape[1] < least[1]:
-        got = "x".join(map(str, image.shape))
-        raise ValueError(f"{name}: expected a gray image of at least {least[0]}x{least[1]} pixels, got {got}")
-    if not torch.isfinite(image).all():
-        raise ValueError(f"{name}: the image must be finite, got NaN or Inf")
 
 
 def _pyramid(image: Tensor, spec: HOGSpec, order: int) -> Iterator[Tensor]:

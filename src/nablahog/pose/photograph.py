@@ -17,6 +17,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.box import pixel_box
+from ..inputs.arrays import check_shape, check_values
+from ..inputs.numbers import as_integer, as_number, as_size, check_type
 from .background import FINE_CELL, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind
@@ -154,6 +156,7 @@ def elements(
         At most ``count``; none of an empty descriptor, or of one smaller than ``size``.
 
     Raises:
+        TypeError: the descriptor is no dense tensor, or the background is none.
         ValueError: the descriptor is of another shape or type, an option is out of range, or the background knows no
             templates of this size.
 
@@ -165,16 +168,12 @@ def elements(
     >>> len(result) <= 3
     True
     """
-    channels = background.spec.channels
-    if descriptor.dim() != 3 or descriptor.shape[2] != channels or not descriptor.is_floating_point():
-        raise ValueError(
-            f"the descriptor must be a floating-point tensor (rows, cols, {channels}), "
-            f"got {descriptor.dtype} of shape {tuple(descriptor.shape)}"
-        )
-    if count is not None and count < 1:
-        raise ValueError(f"count must be at least 1, or None, got {count}")
-    if not 0 <= overlap <= 1 or not threshold >= 0:
-        raise ValueError(f"overlap must lie in 0…1 and threshold be at least 0, got {overlap!r} and {threshold!r}")
+    check_type("background", background, Background, "nablahog.pose.default_background(spec)")
+    check_shape("the descriptor", descriptor, ("rows", "cols", background.spec.channels))
+    check_values("the descriptor", descriptor)
+    size = as_size("size", size, "rows, cols")
+    count = None if count is None else as_integer("count", count)
+    overlap, threshold = as_number("overlap", overlap, 0, 1), as_number("threshold", threshold, 0)
     background.factor(*size)  # raises for sizes it does not know
     across = max(0, descriptor.shape[1] - size[1] + 1)
     if across and descriptor.shape[0] >= size[0]:

@@ -12,6 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
+from ..inputs.arrays import check_shape, check_values
+from ..inputs.numbers import as_integer, check_type, shortened
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, build_network, check_weights
 from .background import FINE_CELL, pose_spec
 from .crop import CROP_SIDE
@@ -115,9 +117,9 @@ class ViewpointPrior(LearnedModel):
     learning: ViewpointLearning
 
     def __post_init__(self) -> None:
-        pose_spec(FINE_CELL).check_same(self.spec, f"the {self.NOUN}")
-        if not 1 <= self.width <= _WIDEST:
-            raise ValueError(f"the width must lie in 1…{_WIDEST}, got {self.width}")
+        pose_spec(FINE_CELL).check_same(check_type("spec", self.spec, HOGSpec), f"the {self.NOUN}")
+        object.__setattr__(self, "width", as_integer("the width", self.width, 1, _WIDEST))
+        check_type("learning", self.learning, ViewpointLearning)
         check_weights(self.weights, self._make)
 
     @property
@@ -143,11 +145,12 @@ class ViewpointPrior(LearnedModel):
             images: (B, 1, 128, 128) of objects that fill their crops, float32 in 0…1.
 
         Raises:
-            ValueError: they have another shape.
+            TypeError: they are no dense tensor.
+            ValueError: they have another shape or dtype.
         """
-        if images.dim() != 4 or images.shape[1:] != (1, CROP_SIDE, CROP_SIDE):
-            raise ValueError(f"expected images of shape (B, 1, {CROP_SIDE}, {CROP_SIDE}), got {tuple(images.shape)}")
-        descriptors = describe(images, self.spec)
+        check_shape("images", images, ("B", 1, CROP_SIDE, CROP_SIDE))
+        check_values("images", images)
+        descriptors = describe(images.float(), self.spec)
         both_sides = descriptors, mirror_descriptors(descriptors)
         own, mirrored = (self._network(side).log_softmax(1) for side in both_sides)
         mean: Tensor = (own + mirrored.flip(1).roll(1, 1)).div(2).log_softmax(1)
@@ -176,8 +179,8 @@ def choose_viewpoints(choice: ViewpointChoice) -> ViewpointPrior | None:
     Raises:
         ValueError: it is no such choice.
     """
-    if choice == "default":
+    if isinstance(choice, str) and choice == "default":
         return default_viewpoints() if STORED_VIEWPOINTS.exists() else None
     if choice is not None and not isinstance(choice, ViewpointPrior):
-        raise ValueError(f"viewpoints must be a ViewpointPrior, 'default' or None, got {choice!r}")
+        raise ValueError(f"viewpoints must be a ViewpointPrior, 'default' or None, got {shortened(choice)}")
     return choice

@@ -23,6 +23,7 @@ from torch.nn.functional import pad
 
 from .. import native
 from ..hog.spec import HOGSpec
+from ..inputs.numbers import as_number, check_type
 from ..io.learned_model import NUMBER, SPEC, TENSOR, TEXTS, LearnedModel, check_tensor
 from ..runtime.text import counted
 
@@ -75,15 +76,14 @@ class Background(LearnedModel):
     _factors: dict[tuple[int, int], Tensor] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        check_spec(self.spec)
+        check_spec(check_type("spec", self.spec, HOGSpec))
         channels, order = self.spec.channels, self.order
         shapes = {"mean": (channels,), "covariance": (order + 1, 2 * order + 1, channels, channels)}
         for name, shape in shapes.items():
             check_tensor(name, getattr(self, name), torch.float64, shape, -MAX_ENTRY, MAX_ENTRY)
         if not torch.allclose(self.covariance[0].flip(0).mT, self.covariance[0]):
             raise ValueError("the covariance of two cells must not depend on which of them comes first")
-        if not 1e-9 <= self.regularization <= MAX_ENTRY:
-            raise ValueError(f"regularization must lie in 1e-9…{MAX_ENTRY:g}, got {self.regularization!r}")
+        object.__setattr__(self, "regularization", as_number("regularization", self.regularization, 1e-9, MAX_ENTRY))
 
     @property
     def summary(self) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
+from ..inputs.arrays import check_shape
 from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number
 
 _REALS, _DOUBLES = native.array(np.float32, np.float64), native.array(np.float64)
@@ -192,6 +193,12 @@ def _rays(poses: Tensor, camera: Camera, like: Tensor) -> tuple[Tensor, Tensor]:
     return (x / camera.focal).to(like)[:, None, :], (y / camera.focal).to(like)[:, :, None]
 
 
+def _check_product(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> None:
+    check_camera(camera)
+    check_shape("poses", poses, ("B", len(PARAMETERS)))
+    check_shape("screen_gradient", screen_gradient, (len(poses), 4, camera.height, camera.width))
+
+
 def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Tensor:
     """Jacobian (B, 6, H, W) of images with respect to poses (B, 6): per degree, unit of the mesh, or pixel.
 
@@ -202,6 +209,10 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
         screen_gradient: (B, 4, H, W), of :class:`.renderer.Rendering`.
         poses, camera: those of the images.
 
+    Raises:
+        TypeError: one is no dense tensor, or no camera.
+        ValueError: one has another shape.
+
     >>> from nablahog.render import Renderer, pose, pose_jacobian
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
@@ -209,6 +220,7 @@ def pose_jacobian(screen_gradient: Tensor, poses: Tensor, camera: Camera) -> Ten
     >>> pose_jacobian(drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6, 32, 32])
     """
+    _check_product(screen_gradient, poses, camera)
     angular, linear, shift = (part.to(screen_gradient)[..., None, None] for part in pose_velocities(poses))
     x, y = (part[:, None] for part in _rays(poses, camera, screen_gradient))
     (wx, wy, wz), (tx, ty, tz) = angular.unbind(2), linear.unbind(2)
@@ -228,6 +240,9 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
         grad_image: gradient with respect to the images.
         screen_gradient, poses, camera: as for :func:`pose_jacobian`.
 
+    Raises:
+        TypeError, ValueError: as :func:`pose_jacobian`.
+
     >>> from nablahog.render import Renderer, pose, pose_vjp
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 32, 32)
     >>> poses = pose(azimuth=30, distance=3)
@@ -235,6 +250,8 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     >>> pose_vjp(torch.ones(1, 32, 32), drawn.screen_gradient, poses, camera).shape
     torch.Size([1, 6])
     """
+    _check_product(screen_gradient, poses, camera)
+    check_shape("grad_image", grad_image, (len(poses), camera.height, camera.width))
     if native.can_read(grad_image, screen_gradient, poses):
         images, gradients = grad_image.to(screen_gradient).contiguous(), screen_gradient.contiguous()
         double, numbers = gradients.dtype == torch.float64, poses.detach().double().contiguous()

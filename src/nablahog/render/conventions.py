@@ -19,12 +19,14 @@ angle to its optical axis.  :func:`turn_to` is the rotation between the two came
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias
 
 import torch
 from torch import Tensor
 
-from .camera import Camera, check_poses, rotations
+from ..inputs.arrays import check_shape
+from ..inputs.numbers import as_size, check_choice, check_type
+from .camera import Camera, check_camera, check_poses, rotations
 from .camera import pose as make_pose
 from .mesh import Mesh
 
@@ -78,6 +80,7 @@ def from_pascal3d(view: Pascal3D, height: int, width: int) -> tuple[Tensor, Came
     >>> pose.tolist(), camera.focal
     ([[30.0, 10.0, 5.0, 0.0, 0.0, 0.0]], 3000.0)
     """
+    check_type("view", view, Pascal3D)
     x, y = view.px - 0.5 - width / 2, view.py - 0.5 - height / 2
     poses = make_pose(view.azimuth, view.elevation, view.distance, view.theta, x, y)
     check_poses(poses)
@@ -100,6 +103,7 @@ def to_pascal3d(pose: Tensor, camera: Camera) -> Pascal3D:
     (30.0, 250.5, 188.0, 1.0)
     """
     check_poses(pose)
+    check_camera(camera)
     if len(pose) != 1:
         raise ValueError(f"expected one pose (1, 6), got shape {tuple(pose.shape)}")
     azimuth, elevation, distance, theta, x, y = pose[0].tolist()
@@ -131,10 +135,9 @@ def from_pytorch3d(
     >>> bool((poses - pose(azimuth=30, distance=3)).abs().max() < 1e-6)
     True
     """
-    if rotation.shape != (len(rotation), 3, 3) or translation.shape != (len(rotation), 3):
-        raise ValueError(
-            f"expected R (B, 3, 3) and T (B, 3), got {tuple(rotation.shape)} and {tuple(translation.shape)}"
-        )
+    check_shape("R", rotation, ("B", 3, 3))
+    check_shape("T", translation, (len(rotation), 3))
+    height, width = as_size("the image", (height, width))
     rotation, translation = rotation.double(), translation.double()
     identity = rotation @ rotation.transpose(1, 2)
     unit = torch.eye(3, dtype=rotation.dtype, device=rotation.device).expand_as(identity)
@@ -169,6 +172,7 @@ def to_pytorch3d(poses: Tensor, camera: Camera) -> tuple[Tensor, Tensor, float]:
     ([[0.0, 0.0, 3.0]], 90.0)
     """
     check_poses(poses)
+    check_camera(camera)
     if bool((poses[:, 4:] != 0).any()):
         raise ValueError("the camera must look at the object's origin: x and y must be 0")
     poses = poses.double()
@@ -210,8 +214,7 @@ def pose_matrix(pose: Tensor) -> Tensor:
 
 def convert_matrix(matrix: Tensor, convention: MatrixConvention) -> Tensor:
     """A matrix (4, 4) to OpenCV's camera frame (x right, y down, z forward), or to OpenGL's (y up, z backward)."""
-    if convention not in get_args(MatrixConvention):
-        raise ValueError(f"convention must be 'opencv' or 'opengl', got {convention!r}")
+    check_choice("convention", convention, MatrixConvention)
     return matrix if convention == "opencv" else matrix.new_tensor([1, -1, -1, 1])[:, None] * matrix
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from .. import native
-from .camera import Camera, check_poses, to_camera, to_screen
+from .camera import Camera, check_camera, check_poses, to_camera, to_screen
 from .mesh import Mesh, check_mesh
 
 NEAR = 1e-3
@@ -192,6 +192,7 @@ def depth_and_normals(mesh: Mesh, poses: Tensor, camera: Camera) -> tuple[Tensor
     (torch.Size([1, 64, 64]), torch.Size([1, 3, 64, 64]), True)
     """
     check_poses(poses)
+    check_camera(camera)
     poses = poses.double()
     with torch.no_grad():
         points = to_camera(check_mesh(mesh).vertices, poses)

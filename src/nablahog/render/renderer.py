@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..inputs.arrays import as_images, check_values
-from ..inputs.numbers import as_integer, as_number, check_choice
+from ..inputs.numbers import as_integer, as_number, check_choice, check_type
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
 from .mesh import Mesh, check_mesh
@@ -91,7 +91,7 @@ class Renderer:
         supersampling: int = SUPERSAMPLING,
     ) -> None:
         check_choice("method", method, EdgeMethod)
-        self.mesh, self.camera, self.light = check_mesh(mesh), check_camera(camera), light
+        self.mesh, self.camera, self.light = check_mesh(mesh), check_camera(camera), check_type("light", light, Light)
         self.method, self.supersampling = method, as_integer("supersampling", supersampling, 1, 16)
         self.edges: Edges = mesh_edges(mesh)
         self._groups = smoothing_groups(mesh)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
+from ..inputs.numbers import as_number, as_numbers
 from .mesh import Mesh
 from .soup import find_distinct
 
@@ -168,13 +169,14 @@ class Light:
     diffuse: float = 0.7
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", tuple(self.direction))  # lists, too
-        if len(self.direction) != 3 or not 0 < math.hypot(*self.direction) < math.inf:
-            raise ValueError(f"the light's direction must be three finite numbers, not all 0, got {self.direction}")
-        if not (self.ambient >= 0 and self.diffuse >= 0 and self.ambient + self.diffuse <= 1 + 1e-9):
+        object.__setattr__(self, "direction", as_numbers("the light's direction", self.direction, "x, y, z"))
+        if not 0 < math.hypot(*self.direction) < math.inf:
+            raise ValueError(f"the light's direction must have a length above 0, got {self.direction}")
+        for name in ("ambient", "diffuse"):
+            object.__setattr__(self, name, as_number(f"{name} light", getattr(self, name), 0, 1))
+        if self.ambient + self.diffuse > 1 + 1e-9:
             raise ValueError(
-                f"ambient and diffuse light must be at least 0, and at most 1 together, "
-                f"got {self.ambient} and {self.diffuse}"
+                f"ambient and diffuse light must be at most 1 together, got {self.ambient:g} and {self.diffuse:g}"
             )
 
 

@@ -14,8 +14,10 @@ from torch import Tensor
 
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
+from ...inputs.arrays import check_shape
+from ...inputs.numbers import as_integer, as_seed, as_size, shortened
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
-from ..arguments import check_descriptor
+from ..arguments import MOST_SAMPLES, check_descriptor, check_finite
 from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
@@ -119,9 +121,10 @@ class LearnedPrior(LearnedModel):
             TypeError: the descriptor is no float32 or float64 tensor.
             ValueError: the prior is not for ``spec``, or the descriptor's shape contradicts it, or it holds NaN or Inf.
         """
-        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), image_size, histograms)
-        images = match_contrast(network.predict(histograms, linear_spec, image_size), histograms, linear_spec)
-        if as_spec(spec).signed:
+        spec = as_spec(spec)
+        network, linear_spec, size, histograms = self._prepare(descriptor, spec, image_size, histograms)
+        images = match_contrast(network.predict(histograms, linear_spec, size), histograms, linear_spec)
+        if spec.signed:
             images = _add_integral(images, histograms, linear_spec)
         return images.to(descriptor.dtype)
 
@@ -137,12 +140,13 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`; the prior is for signed descriptors, which leave no signs open.
         """
-        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), image_size)
+        count, seed = as_integer("count", count, 1, MOST_SAMPLES), as_seed(seed)
+        network, linear_spec, size, histograms = self._prepare(descriptor, as_spec(spec), image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws = network.draw(histograms, linear_spec, image_size, count, seed)
+        draws = network.draw(histograms, linear_spec, size, count, seed)
         images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_spec)
-        return images.to(descriptor.dtype).reshape(-1, count, 1, *image_size)
+        return images.to(descriptor.dtype).reshape(-1, count, 1, *size)
 
     @torch.no_grad()
     def polarity_confidence(
@@ -151,7 +155,7 @@ class LearnedPrior(LearnedModel):
         """The probability that images with unsigned descriptors are not negatives.
 
         Args:
-            images: (B, 1, H, W), of any contrast.
+            images: (B, 1, H, W), of any contrast, floats.
             descriptor: (B, rows, cols, channels), theirs, float32 or float64.
             spec: its dialect, or the name of a preset with its defaults.
             histograms: as for :meth:`expected`.
@@ -162,22 +166,30 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`.
         """
+        check_shape("images", images, ("B", 1, "H", "W"))
         size = (images.shape[2], images.shape[3])
-        network, linear_spec, histograms = self._prepare(descriptor, as_spec(spec), size, histograms)
+        network, linear_spec, _, histograms = self._prepare(descriptor, as_spec(spec), size, histograms)
+        if len(images) != len(descriptor):
+            raise ValueError(f"there must be one image for each of {len(descriptor)} descriptors, got {len(images)}")
+        check_finite("images", images)
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
         return network.polarity_confidence(images.float(), histograms, linear_spec).to(descriptor.dtype)
 
     def _prepare(
-        self, descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], histograms: Tensor | None = None
-    ) -> tuple[PriorNetwork, HOGSpec, Tensor]:
-        """The network on the descriptor's device, its linear spec, and the recovered histograms, after all checks."""
+        self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int], histograms: Tensor | None = None
+    ) -> tuple[PriorNetwork, HOGSpec, tuple[int, int], Tensor]:
+        """The network on the descriptor's device, its linear spec, (height, width), and the recovered histograms, after
+        all checks."""
         self.check(spec)
-        check_descriptor(descriptor, spec, size)
+        size = check_descriptor(descriptor, spec, as_size("image_size", image_size))
         linear_spec = linear_vote_spec(spec)
         if histograms is None:
             histograms = recover_histograms(descriptor.float(), linear_spec, size)
-        return self._network.to(descriptor.device), linear_spec, histograms.float()
+        else:
+            shape = len(descriptor), linear_spec.colours * linear_spec.bins, *linear_spec.cells(*size)
+            check_shape("the histograms", histograms, shape)
+        return self._network.to(descriptor.device), linear_spec, size, histograms.float()
 
     @cached_property
     def _network(self) -> PriorNetwork:
@@ -216,19 +228,21 @@ def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> 
 
     Without ``by_default``, "default" means none.
     """
-    if prior is None or (prior == "default" and not by_default):
+    if isinstance(prior, str) and prior == "default":
+        prior = default_priors(spec) if by_default else None
+    if prior is None:
         return None
     if isinstance(prior, LearnedPrior):
         return Priors(prior)
-    if prior == "default":
-        prior = default_priors(spec)
-    if isinstance(prior, str) or not all(isinstance(item, LearnedPrior) for item in prior):
-        raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {prior!r}")
+    if not isinstance(prior, list | tuple) or not all(isinstance(item, LearnedPrior) for item in prior):
+        raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {shortened(prior)}")
     signed = linear_vote_spec(spec).signed
     by_signs = {item.signed: item for item in prior if isinstance(item, LearnedPrior)}
     if signed not in by_signs or len(by_signs) < len(prior):
         kind = "signed" if signed else "unsigned"
-        raise ValueError(f"expected one prior for {kind} descriptors, and at most one for others, got {prior!r}")
+        raise ValueError(
+            f"expected one prior for {kind} descriptors, and at most one for others, got {shortened(prior)}"
+        )
     return Priors(by_signs[signed], None if signed else by_signs.get(True))
 
 

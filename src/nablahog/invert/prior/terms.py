@@ -22,6 +22,7 @@ from ...hog.descriptor import histograms, normalize
 from ...hog.orientation import magnitude, vanishing
 from ...hog.spec import HOGSpec
 from ...hog.steps import normalize_reference
+from ...inputs.numbers import as_number
 
 # of the mean gradient magnitude: |d| is rounded off below it, so that minimisers see a smooth minimum
 SMOOTHNESS_ROUNDING = 0.05
@@ -85,8 +86,7 @@ class Prior(ABC):
     weight: float
 
     def __post_init__(self) -> None:
-        if not 0 <= self.weight < float("inf"):
-            raise ValueError(f"weight must be a finite number of at least 0, got {self.weight}")
+        object.__setattr__(self, "weight", as_number("weight", self.weight, 0))
 
     @abstractmethod
     def terms(self, image: Tensor) -> Tensor:

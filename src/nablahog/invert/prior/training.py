@@ -20,6 +20,7 @@ from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...inputs.arrays import ArrayImage
 from ...inputs.numbers import as_integer, check_choice
+from ...inputs.training_images import gray_photographs
 from ...io.files import replacing
 from ...io.input_file import input_file
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
@@ -27,7 +28,7 @@ from ...io.learner import Learner
 from ...runtime.pytorch import in_float32, in_plain_mode, seeded
 from ..histograms import linear_vote_spec
 from .learned import LearnedPrior, network_class
-from .provenance import NetworkLearning, digest_of_images, digest_of_weights, gray_photographs
+from .provenance import NetworkLearning, digest_of_images, digest_of_weights
 from .signed_network import Architecture
 from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 

@@ -23,7 +23,8 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ...invert.prior.provenance import digest_of_images, gray_photographs
+from ...inputs.training_images import gray_photographs
+from ...invert.prior.provenance import digest_of_images
 from ...runtime.extras import extra
 from .hoggles import (
     MARGIN_CELLS,
