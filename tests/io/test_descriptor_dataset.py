@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def test_what_is_written_is_read(tmp_path: Path, store: str, count: int, monkeyp
     url = str(tmp_path / "run[1].parquet") if store == "folder" else f"memory://{tmp_path.name}-{count}/x.parquet"
     manifest = write(url, rows(6), count)
     assert read_manifest(url) == manifest
-    data = DescriptorDataset(url)
+    data: DescriptorDataset = pickle.loads(pickle.dumps(DescriptorDataset(url)))
     assert (len(data), data.spec) == (6, SPEC)
     for found, expected in zip(data, rows(6), strict=True):
         assert (found.path, found.error) == (expected.path, expected.error)
@@ -105,7 +106,7 @@ def test_what_is_no_data_set(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("count", "size", "shards"), [(1, 1, 1), (20, 1, 4), (20_000, 1, 141), (30, 10 << 20, 5)])
 def test_shards_are_many_and_of_limited_size(count: int, size: int, shards: int) -> None:
     """Never more than the square root of the number of images, nor more than so many bytes of files."""
-    manifest = Manifest(SPEC, 0).extended([ImageState(f"{k}.png", size, "0") for k in range(count)])
+    manifest = Manifest(SPEC, 0).add_images([ImageState(f"{k}.png", size, "0") for k in range(count)])
     assert len(manifest.shards) == shards
     assert [image.path for shard in manifest.shards for image in shard] == [f"{k}.png" for k in range(count)]
     assert max(map(len, manifest.shards)) * size <= dataset_manifest.SHARD_BYTES
@@ -113,7 +114,7 @@ def test_shards_are_many_and_of_limited_size(count: int, size: int, shards: int)
 
 def test_each_shard_has_a_key_of_all_that_it_depends_on() -> None:
     manifests = [
-        Manifest(spec, size, code=code).extended([ImageState(path, 5, version)])
+        Manifest(spec, size, code=code).add_images([ImageState(path, 5, version)])
         for spec in (SPEC, presets.dpm())
         for size in (0, 9)
         for code in ("a", "b")
@@ -132,14 +133,14 @@ def test_each_shard_has_a_key_of_all_that_it_depends_on() -> None:
     ],
 )
 def test_images_that_differ_are_named(images: list[tuple[str, int]], message: str) -> None:
-    manifest = Manifest(SPEC, 0).extended([ImageState(name, 1, "1") for name in "abc"])
+    manifest = Manifest(SPEC, 0).add_images([ImageState(name, 1, "1") for name in "abc"])
     with pytest.raises(ValueError, match=message):
-        manifest.extended([ImageState(name, 1, str(version)) for name, version in images])
+        manifest.add_images([ImageState(name, 1, str(version)) for name, version in images])
 
 
 def test_new_images_come_last_in_shards_of_their_own() -> None:
-    first = Manifest(SPEC, 0).extended([ImageState(name, 1, "1") for name in "bdf"])
-    second = first.extended([ImageState(name, 1, "1") for name in "abcdef"] + [ImageState("f", 1, "1")])
+    first = Manifest(SPEC, 0).add_images([ImageState(name, 1, "1") for name in "bdf"])
+    second = first.add_images([ImageState(name, 1, "1") for name in "abcdef"] + [ImageState("f", 1, "1")])
     assert second.shards[: len(first.shards)] == first.shards
     assert [[image.path for image in shard] for shard in second.shards] == [["b", "d"], ["f"], ["a", "c"], ["e", "f"]]
-    assert second.extended([ImageState(name) for name in "ffabcde"]) == second  # nothing is known of their state
+    assert second.add_images([ImageState(name) for name in "ffabcde"]) == second  # nothing is known of their state

@@ -41,7 +41,7 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
         "table2": PoseJob(NEAR, np.zeros((1, 8, 8), np.float32), None, models, None, Table2Settings()).key(),
         "inversion": InversionJob(source, InvertRequest()).key(),
         "pose": ObjectJob(AnnotatedObject(1, "photo.png"), photo, PoseRequest(), ()).key(),
-        "descriptors": Manifest(presets.uoctti(), 0).extended([ImageState("a.png")]).key(0),
+        "descriptors": Manifest(presets.uoctti(), 0).add_images([ImageState("a.png")]).key(0),
     }
     mesh = sample_chairs()["wooden-0"]
     with monkeypatch.context() as patch:  # nothing is computed

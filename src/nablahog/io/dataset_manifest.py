@@ -108,7 +108,7 @@ class Manifest:
         if self.code != other.code:
             raise ValueError("another version of nablahog or PyTorch wrote it")
 
-    def extended(self, images: Sequence[ImageState]) -> Manifest:
+    def add_images(self, images: Sequence[ImageState]) -> Manifest:
         """This manifest with further shards for those of the images that it lacks.
 
         Each further shard has at most the square root of their number, and at most :data:`SHARD_BYTES` of files.

@@ -145,6 +145,10 @@ class DescriptorDataset(Sequence[Row]):
         self._ends = list(itertools.accumulate(rows for shard in self._shards for rows in shard.groups))
         self._table = lru_cache(CACHED)(lambda number: self._read(*self._groups[number]))
 
+    def __reduce__(self) -> tuple[type[DescriptorDataset], tuple[str]]:
+        """So that workers of a ``DataLoader`` open it by themselves."""
+        return DescriptorDataset, (self.url,)
+
     def __len__(self) -> int:
         return self._ends[-1]
 

@@ -17,7 +17,7 @@ from PIL import Image
 from torch import Tensor
 
 from nablahog import LearnedPrior, presets
-from nablahog.cli.arguments.parsers import KINDS
+from nablahog.cli.arguments.parsers import KINDS, TRAINING_SIZE
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
 from nablahog.invert.prior.provenance import digest_of_weights
@@ -97,7 +97,7 @@ def test_the_photographs_of_scikit_image(tmp_path: Path, monkeypatch: pytest.Mon
         monkeypatch.setitem(LEARNED, kind, replace(LEARNED[kind], learn=partial(stop, kind=kind)))
         assert main(["learn", kind, "-o", str(tmp_path / "p.npz")]) == 130
     assert len(shapes["hoggles"]) == 8
-    assert max(shapes["hoggles"]["coffee"]) == learn.TRAINING_SIZE
+    assert max(shapes["hoggles"]["coffee"]) == TRAINING_SIZE
     assert set(shapes["bovw"].values()) == {(128, 128)}
 
 

@@ -15,6 +15,7 @@ from . import options
 from .options import SEVERAL, Parser
 
 BOVW_SIZE = 128  # that of the images of Table 1
+TRAINING_SIZE = 512  # pixels on the longer side that the photographs of other kinds are shrunk to
 KINDS = ("prior", "background", "hoggles", "bovw")
 """What ``nablahog learn`` learns from photographs."""
 
@@ -146,7 +147,8 @@ def learn(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     kinds = command.add_subparsers(metavar="WHAT", required=True, parser_class=Parser)
     for kind in KINDS:
-        parser = kinds.add_parser(kind, help=_HELP[kind], description=_DESCRIPTIONS[kind])
+        size = "" if kind == "bovw" else f" Shrinks photographs to {TRAINING_SIZE} pixels on the longer side."
+        parser = kinds.add_parser(kind, help=_HELP[kind], description=_DESCRIPTIONS[kind] + size)
         options.output(parser, "FILE.npz", _OUTPUTS[kind])
         options.images(parser)
         if kind == "prior":

@@ -75,7 +75,7 @@ def _plan(target: str, images: Sequence[ImageState], request: HogRequest) -> Man
     try:
         if begun is not None:
             begun.check(empty)
-        manifest = (begun or empty).extended(images)
+        manifest = (empty if begun is None else begun).add_images(images)
     except ValueError as error:
         raise ValueError(f"{target} cannot be continued: {error}; expected another -o") from None
     others = {Path(str(file)).name for file in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}

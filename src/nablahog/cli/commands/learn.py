@@ -19,9 +19,8 @@ from ...pose.background import learn_background, least_size
 from ...pose.whitening import Background, check_spec
 from ...requests.dialect import Dialect
 from ..arguments.options import build_request
+from ..arguments.parsers import TRAINING_SIZE
 from ..terminal import counter, say, say_ignored
-
-TRAINING_SIZE = 512  # pixels on the longer side that photographs are shrunk to
 
 
 def learn(arguments: Namespace) -> None:
