@@ -72,7 +72,7 @@ def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
     cell = client.get(f"/api/hog/{said['key']}/cell?row=0&col=0").json()
     assert (cell["histogram"], cell["block"], cell["entries"]) == (None, None, [])
     assert client.get(f"/api/hog/{said['key']}/cell?row=99&col=0").json()["error"].startswith("expected a cell")
-    assert client.get(f"/api/hog/{said['key']}/cell?row=x").json()["error"] == "expected row as an integer, got 'x'"
+    assert client.get(f"/api/hog/{said['key']}/cell?row=x").json()["error"].startswith("row must be an integer")
 
 
 @pytest.mark.parametrize(
@@ -80,15 +80,15 @@ def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
     [
         ({}, 422, "expected a photo or a descriptor, got neither"),
         ({"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),
-        ({"photo": "sample-camera", "preset": "hog"}, 422, "there is no preset 'hog'; there are aubry"),
+        ({"photo": "sample-camera", "preset": "hog"}, 422, "preset must be one of 'aubry'"),
         ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "uoctti has no parameter 'cell'"),
         (
             {"photo": "sample-camera", "settings": {"cell_size": "600"}},
             422,
             "camera.png: the image must hold at least one cell of 600x600 pixels (height x width), got an image of 512",
         ),
-        ({"photo": "sample-camera", "size": 5}, 422, "the request does not fit: Expected `int` >= 8"),
-        ({"photo": "sample-camera", "sise": 5}, 422, "the request does not fit: Object contains unknown field `sise`"),
+        ({"photo": "sample-camera", "size": 5}, 422, "size must be an integer in 8"),
+        ({"photo": "sample-camera", "sise": 5}, 422, "there is no field 'sise'; there are"),
     ],
 )
 def test_a_sentence_says_what_is_wrong(

@@ -22,7 +22,7 @@ from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
 from ..pose.similarity import Similarity
 from ..render import silhouette
-from ..requests.pose import PoseRequest
+from ..requests.pose import FROM_FILE, UNKNOWN, PoseRequest
 from ..viz.pictures import outlined
 from .chart import AZIMUTHS, SimilarityChart
 from .messages import Open, Pose, PoseMessage, RequestError, Turn, as_request_error, glyphs, png
@@ -40,7 +40,7 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object, with its box and the camera's focal length, if known, in pixels, its crop, and a model.
+    """A photograph's object, with its box, its crop, the camera if known, as ``focal`` of estimate_pose, and a model.
 
     The chart shows the last pose that was viewed and the last curve.
     """
@@ -48,7 +48,7 @@ class Fitting:
     photograph: Photograph
     model: MeshEntry
     box: Box
-    focal: float | None
+    focal: Any
     crop: ObjectCrop
     chart: SimilarityChart = field(default_factory=SimilarityChart)
 
@@ -65,9 +65,10 @@ class Fitting:
             )
         with as_request_error():
             box = check_box(request.box or (0, 0, width, height), height, width)
-            lens = choose_lens(photograph.image, request.focal, None, photograph.image)
+            focal = _known_focal(photograph, request.focal)
+            lens = choose_lens(photograph.image, focal, None, photograph.image)
             crop = crop_object(photograph.image, box, focal=lens.focal, axis=lens.principal_point)
-        return cls(photograph, model, box, lens.focal, crop)
+        return cls(photograph, model, box, focal, crop)
 
     @cached_property
     def prepared(self) -> PreparedModel:
@@ -198,6 +199,13 @@ class Fitting:
         """The photograph with the model's outline."""
         inside = silhouette(self.model.mesh, estimate.pose, estimate.camera)[0, 0] > 0.5
         return outlined(self.photograph.image, inside.numpy())
+
+
+def _known_focal(photograph: Photograph, focal: Any) -> Any:
+    """What a request says about the camera, or the photograph's file."""
+    if focal == FROM_FILE and photograph.focal is None:
+        raise ValueError(f"{photograph.name}: its EXIF data has no focal length: give the focal length in pixels")
+    return {UNKNOWN: None, FROM_FILE: photograph.focal}.get(focal, focal)
 
 
 def _round(values: Tensor) -> list[float]:

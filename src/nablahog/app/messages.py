@@ -11,21 +11,20 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from types import UnionType
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeAlias, TypeVar
 
 import msgspec
-from msgspec import Meta, Struct
 from PIL import Image
 from torch import Tensor
 
 from ..hog import HOGSpec
+from ..inputs.numbers import as_number, as_numbers, check_choice, shortened
 from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
-from ..requests.options import integer, list_options, number, option
-from ..requests.pose import PoseRequest, Sides
+from ..requests.options import FLAG, TEXT, Kind, choice, integer, list_options, option
+from ..requests.pose import BOX, FOCAL, PoseRequest, Sides
 from ..runtime.errors import InputError
-from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
+from ..runtime.text import MOST_ERROR_CHARACTERS, did_you_mean, one_line
 from ..viz.pictures import cell_width, glyph_image
 
 GONE = "the server no longer has this file, as after a restart: open it again"
@@ -33,8 +32,7 @@ _REMEDIES = {"image size": ": give the size of the image"}
 """What a reader can do on the page, by what an error is about."""
 logger = logging.getLogger(__name__)
 SEE_SIZE, INVERT_SIZE = 1024, 512  # the longer side of photographs to describe, and to invert, in pixels
-LARGEST_INTEGER, LARGEST_NUMBER = 2**53, 1e6
-LONGEST_TEXT, MOST_SETTINGS = 200, 32
+LARGEST_NUMBER = 1e6  # of a pose that is turned
 LEAST_CELL = 5  # pixels of a cell's height in glyphs
 
 
@@ -93,12 +91,25 @@ def as_answer(error: Exception) -> RequestError:
 Pose: TypeAlias = tuple[float, float, float, float, float, float]
 
 
+def _as_pose(name: str, pose: object) -> tuple[float, ...]:
+    values = as_numbers(name, pose, "azimuth, elevation, distance, theta, x, y")
+    return tuple(as_number(f"each of {name}", value, -LARGEST_NUMBER, LARGEST_NUMBER) for value in values)
+
+
+def field_of(kind: Kind, default: Any = dataclasses.MISSING) -> Any:
+    """A field of a message that is no option; it must be there if it has no default."""
+    return dataclasses.field(default=default, metadata={"kind": kind})
+
+
+POSE = Kind("POSE", _as_pose)
+
+
 @dataclass(frozen=True, kw_only=True)
 class HogMessage(HogRequest):
     """The descriptor of a photograph, or one that was uploaded."""
 
-    photo: str | None = None
-    descriptor: str | None = None
+    photo: str | None = field_of(TEXT, None)
+    descriptor: str | None = field_of(TEXT, None)
     size: int = option(512, "pixels on the longer side", integer(8, SEE_SIZE), on_page=True)
 
 
@@ -106,9 +117,9 @@ class HogMessage(HogRequest):
 class InvertMessage(InvertRequest):
     """An image with the descriptor of a photograph, or with one that was uploaded."""
 
-    photo: str | None = None
-    descriptor: str | None = None
-    start: str | None = None
+    photo: str | None = field_of(TEXT, None)
+    descriptor: str | None = field_of(TEXT, None)
+    start: str | None = field_of(TEXT, None)
     size: int = option(256, "pixels on the longer side", integer(8, INVERT_SIZE), on_page=True)
 
 
@@ -116,38 +127,35 @@ class InvertMessage(InvertRequest):
 class PoseMessage(PoseRequest):
     """The pose of the object in a box of a photograph."""
 
-    photo: str
-    mesh: str = dataclasses.field()  # an id
-    focal: float | None = option(
-        None, "focal length, pixels", number("PIXELS", "a number above 0", 0, above=True), on_page=True
-    )
+    photo: str = field_of(TEXT)
+    mesh: str = field_of(TEXT)  # an id
 
 
 @dataclass(frozen=True, kw_only=True)
 class Open:
     """A photograph's object and a mesh, to be turned; with the focal length of the camera in pixels, if it is known."""
 
-    photo: str
-    mesh: str
-    box: Sides | None = None
-    focal: float | None = None
+    photo: str = field_of(TEXT)
+    mesh: str = field_of(TEXT)
+    box: Sides | None = field_of(BOX, None)
+    focal: Any = field_of(FOCAL, None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turn:
     """A pose to render, moved until it fills the box with ``place``; ``width`` is that of the chart in pixels."""
 
-    n: int
-    pose: Pose
-    place: bool = False
-    width: int = 480
+    n: int = field_of(integer(0))
+    pose: Pose = field_of(POSE)
+    place: bool = field_of(FLAG, False)
+    width: int = field_of(integer(0), 480)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
     """The similarity over all azimuths, with the other parameters of a pose."""
 
-    pose: Pose
+    pose: Pose = field_of(POSE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,15 +177,17 @@ Message = TypeVar("Message")
 
 
 def decode(data: bytes | str, message: type[Message]) -> Message:
-    """JSON as a message; the sentence of a RequestError says what was expected where."""
-    return _as_message(decode_json(data, _struct(message)), message)  # type: ignore[arg-type]
+    """JSON as a message; the sentence of a RequestError says what was expected."""
+    return _build(message, decode_json(data, dict[str, Any]))
 
 
 def decode_fit_message(data: str) -> FitMessage:
     """The same for one of :data:`FIT_MESSAGES`, whose ``type`` says which."""
-    structs = tuple(_struct(message, tag) for tag, message in FIT_MESSAGES.items())  # type: ignore[arg-type]
-    struct = decode_json(data, Union[structs])  # noqa: UP007
-    return _as_message(struct, FIT_MESSAGES[struct.__struct_config__.tag])
+    fields = decode_json(data, dict[str, Any])
+    name = fields.pop("type", None)
+    with as_request_error():
+        check_choice("type", name, FIT_MESSAGES)
+    return _build(FIT_MESSAGES[name], fields)
 
 
 def decode_json(data: bytes | str, kind: Any) -> Any:
@@ -190,49 +200,38 @@ def decode_json(data: bytes | str, kind: Any) -> Any:
         raise RequestError(400, f"expected JSON: {error}") from None
 
 
-def _as_message(struct: Any, message: type[Message]) -> Message:
+def _build(message: type[Message], values: Mapping[str, Any]) -> Message:
+    """The message with these values, converted by the kinds of their fields."""
+    fields = {field.name: field for field in dataclasses.fields(message)}  # type: ignore[arg-type]
+    kinds = _kinds(message)  # type: ignore[arg-type]  # mypy takes no class for hashable
     with as_request_error():
-        return message(**{name: getattr(struct, name) for name in struct.__struct_fields__})
+        for name in values:
+            if name not in kinds:
+                meant = did_you_mean(name, kinds)
+                raise ValueError(f"there is no field {shortened(name)}; there are {', '.join(kinds)}{meant}")
+        for name in kinds:
+            if name not in values and fields[name].default is fields[name].default_factory is dataclasses.MISSING:
+                raise ValueError(f"expected the field {name}, got none")
+        return message(
+            **{
+                name: None if value is None and fields[name].default is None else _convert(kinds[name], name, value)
+                for name, value in values.items()
+            }
+        )
+
+
+def _convert(kind: Kind, name: str, value: Any) -> Any:
+    if kind.collect is dict and isinstance(value, dict):
+        return dict(kind.convert(name, item) for item in value.items())
+    return kind.convert(name, value)
 
 
 @cache
-def _struct(message: type, tag: str | None = None) -> type[Struct]:
-    """The type of a message in JSON: the fields of its request that the page has, in their ranges, and its own."""
-    options, hints = {option.name: option for option in list_options(message)}, get_type_hints(message)
-    fields: list[Any] = []
-    for field in dataclasses.fields(message):
-        declared = options.get(field.name)
-        if declared is None:
-            kind, default = _bounded(hints[field.name]), field.default
-        elif declared.on_page:
-            least, most = declared.kind.least, declared.kind.most
-            kind, default = _bounded(declared.hint, least, most, above=declared.kind.above), declared.default
-            kind = Literal[declared.page_choices] if declared.page_choices and declared.hint is str else kind
-        else:
-            continue
-        fields.append((field.name, kind) if default is dataclasses.MISSING else (field.name, kind, default))
-    struct: type[Struct] = msgspec.defstruct(
-        message.__name__, fields, tag=tag, forbid_unknown_fields=True, kw_only=True
-    )
-    return struct
-
-
-def _bounded(hint: Any, least: float | None = None, most: float | None = None, *, above: bool = False) -> Any:
-    """A type whose numbers are in a range, and whose texts are short."""
-    if hint in (int, float):
-        largest = LARGEST_INTEGER if hint is int else LARGEST_NUMBER
-        least, most = -largest if least is None else hint(least), largest if most is None else min(hint(most), largest)
-        return Annotated[hint, Meta(gt=least, le=most) if above else Meta(ge=least, le=most)]
-    if hint is str:
-        return Annotated[str, Meta(max_length=LONGEST_TEXT)]
-    origin, inner = get_origin(hint), [_bounded(part, least, most, above=above) for part in get_args(hint)]
-    if origin in (UnionType, Union):
-        return Union[tuple(inner)]  # noqa: UP007
-    if origin is tuple:
-        return tuple.__class_getitem__(tuple(inner))
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return Annotated[dict[inner[0], inner[1]], Meta(max_length=MOST_SETTINGS)]  # type: ignore[valid-type]
-    return hint
+def _kinds(message: type) -> dict[str, Kind]:
+    """The kinds of the fields that the page has."""
+    own = {field.name: field.metadata["kind"] for field in dataclasses.fields(message) if "kind" in field.metadata}
+    options = [option for option in list_options(message) if option.on_page]
+    return own | {each.name: choice(each.page_choices) if each.page_choices else each.kind for each in options}
 
 
 def encode_png(picture: Picture | Image.Image, opacity: Picture | None = None) -> bytes:

@@ -22,13 +22,24 @@ from starlette.routing import Route, WebSocketRoute
 from ..io.images import SAMPLE_NAMES, sample_photograph
 from ..render import Camera, pose, render, sample_chairs
 from ..render.camera import to_camera, to_screen
+from ..requests.options import integer
 from ..viz.html import TEMPLATES
 from . import see, store
 from .about import about
 from .access import AccessMiddleware, AccessRules
 from .fit import Fitting
 from .invert import invert
-from .messages import SEE_SIZE, HogMessage, InvertMessage, PoseMessage, RequestError, as_answer, decode, encode_png
+from .messages import (
+    SEE_SIZE,
+    HogMessage,
+    InvertMessage,
+    PoseMessage,
+    RequestError,
+    as_answer,
+    as_request_error,
+    decode,
+    encode_png,
+)
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store
 from .work_queue import Cancelled, CancelToken, WorkQueue
@@ -240,10 +251,8 @@ def _read_name(request: Request, default: str) -> str:
 
 
 def _read_integer(request: Request, name: str, default: int | None = None) -> int:
-    text = request.query_params.get(name, "" if default is None else str(default))
-    if not (text.isascii() and text.isdigit() and len(text) < 7):
-        raise RequestError(422, f"expected {name} as an integer, got {text[:40]!r}")
-    return int(text)
+    with as_request_error():
+        return int(integer(0).read(name, request.query_params.get(name, "" if default is None else str(default))))
 
 
 def make_app(rules: AccessRules, photographs: Sequence[Photograph] = ()) -> Starlette:

@@ -236,7 +236,7 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
         asked = GlyphRequest(
             preset=query.get("preset") or None,
             settings=decode_json(query.get("settings") or "{}", dict[str, str]),
-            image_size=SIZE.read(query["image_size"]) if query.get("image_size") else None,
+            image_size=SIZE.read("image_size", query["image_size"]) if query.get("image_size") else None,
             key=query.get("key") or None,
         )
         if template:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..requests.inversion import GlyphRequest
-from ..requests.options import words
+from ..requests.inversion import GlyphRequest, InvertRequest
+from ..requests.options import list_options, words
+from ..requests.pose import PoseRequest
 from ..runtime.errors import InputError
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 
@@ -26,17 +28,24 @@ _REMEDIES = {
     "preset": ": expected --preset NAME",
 }
 """The options that help, by what an error is about."""
+OPTIONS = {option.name: option.flag for request in (InvertRequest, PoseRequest) for option in list_options(request)}
+"""The options of the command by the names of arguments."""
 
 
 def tell(command: str, message: str) -> None:
     """Prints a line on stderr; ``command`` is its name without ``nablahog``."""
-    print(f"nablahog {command}: {one_line(message, MOST_ERROR_CHARACTERS)}", file=sys.stderr)
+    print(f"nablahog {command}: {one_line(name_options(message), MOST_ERROR_CHARACTERS)}", file=sys.stderr)
+
+
+def name_options(sentence: str) -> str:
+    """A sentence of the library with the options of the command for the arguments that it names, in backticks."""
+    return re.sub(r"`(\w+)`", lambda match: OPTIONS.get(match[1], match[1]), sentence)
 
 
 def word_error(error: Exception) -> str:
     """The sentence of an error, with the options that help."""
     if not isinstance(error, InputError):
-        return str(error)
+        return name_options(str(error))
     fitting = error.facts.get("fitting", [])
     if error.about == "preset" and len(fitting) > 1 and not fitting[0].is_detector:
         return f"{error}{_likeliest(fitting)}"

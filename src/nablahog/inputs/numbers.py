@@ -6,13 +6,14 @@ that says what was expected, what came and, where it helps, what to write.
 
 from __future__ import annotations
 
+import json
 import math
 import numbers
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from ..runtime.text import one_line
+from ..runtime.text import did_you_mean, one_line
 
 Kind = TypeVar("Kind")
 
@@ -25,6 +26,22 @@ def as_plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     return tuple(map(as_plain, value)) if isinstance(value, tuple | list) else value
+
+
+def parse_numbers(text: str) -> Any:
+    """The number in a text, or several between commas, also in the brackets of JSON; other text as it is."""
+    try:
+        numbers = [*map(_parse_number, text.split(","))] if "[" not in text else json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    return as_plain(numbers if len(numbers) > 1 else numbers[0])
+
+
+def _parse_number(text: str) -> int | float:
+    try:
+        return int(text)
+    except ValueError:
+        return float(text)
 
 
 def as_integer(name: str, value: object, least: int = 1, most: int | None = None) -> int:
@@ -88,9 +105,9 @@ def as_size(name: str, value: object, axes: str = "height, width") -> tuple[int,
     """Height and width, or both sides as ``axes`` orders them, integers in 1 … :data:`LONGEST_SIDE`."""
     plain = as_plain(value)
     if not isinstance(plain, tuple) or len(plain) != 2 or not all(map(_is_side, plain)):
+        advice = _advise_on_size(plain) if axes == "height, width" else ""  # which are those of arrays
         raise ValueError(
-            f"{name} must be a pair ({axes}) of integers in 1 … {LONGEST_SIDE:,}, "
-            f"got {shortened(value)}{_advise_on_size(plain)}"
+            f"{name} must be a pair ({axes}) of integers in 1 … {LONGEST_SIDE:,}, got {shortened(value)}{advice}"
         )
     return plain
 
@@ -130,10 +147,11 @@ def check_type(name: str, value: object, kind: type[Kind], write: str = "") -> K
 
 
 def check_choice(name: str, value: object, choices: Any) -> None:
-    """``value`` is one of the literal type ``choices``."""
-    allowed = get_args(choices)
+    """``value`` is one of the literal type, or of the names, ``choices``."""
+    allowed = get_args(choices) or tuple(choices)
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}")
+        meant = did_you_mean(value, allowed) if isinstance(value, str) else ""
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {shortened(value)}{meant}")
 
 
 def convert_fields(instance: Any, *others: str) -> None:

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.boxes import Box, as_box
-from ..inputs.cameras import as_focal
-from ..inputs.numbers import as_number, as_numbers, as_seed, check_choice
+from ..inputs.cameras import as_focal, as_view
+from ..inputs.numbers import as_number, as_seed, check_choice
 from ..inputs.pil_images import is_pil
 from ..io.images import LONGEST, SHORTEST, exif_focal
 from ..render import Mesh
@@ -187,11 +187,11 @@ def estimate_pose(
         check_choice("similarity", similarity, SimilarityKind)
     within = as_number("within", within, above=0, most=180)
     if within < 180 and initial is None:
-        raise ValueError(f"within={within:g} needs initial, the azimuth from which it is measured")
+        raise ValueError(f"`within` {within:g} needs `initial`, the azimuth from which it is measured")
     if within < 180 and method != "best":
-        raise ValueError(f"within is an option of method 'best' alone, got {within:g} for method={method!r}")
+        raise ValueError(f"`within` is for `method` 'best' alone, got {within:g} for {method!r}")
     kind = similarity or ("patches" if method in RENDERERS else "calibrated")
-    image, view = as_photograph("the photograph", photograph), _as_view(initial)
+    image, view = as_photograph("the photograph", photograph), None if initial is None else as_view("initial", initial)
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
     lens = choose_lens(photograph, focal, principal_point, image)
     generator = torch.Generator().manual_seed(as_seed(seed))
@@ -228,26 +228,19 @@ def choose_lens(photograph: object, focal: object, principal_point: object, imag
     """What is known about the camera of a photograph, which is also passed as ``image`` (C, H, W)."""
     if focal is None:
         if principal_point is not None:
-            raise ValueError("principal_point needs a known focal length: pass focal, too")
+            raise ValueError("`principal_point` needs a known focal length: give `focal`, too")
         return Lens(None, None, "assumed")
     source: FocalSource = "exif" if isinstance(focal, str) and focal == "exif" else "given"
     if source == "exif":
         focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
         if focal is None:
-            raise ValueError("focal='exif' needs an uncropped PIL image with a focal length in its EXIF data")
-    pixels, point = as_focal(focal, principal_point)
+            raise ValueError("`focal` 'exif' needs an uncropped PIL image with a focal length in its EXIF data")
+    pixels, point = as_focal("focal", focal, principal_point)
     height, width = image.shape[1:]
     if not SHORTEST <= pixels / math.hypot(height, width) <= LONGEST:
         raise ValueError(
-            f"focal must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {pixels:g} for "
+            f"`focal` must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {pixels:g} for "
             f"{height}x{width} pixels; convert millimetres by the factor {math.hypot(height, width):.0f} / diagonal of "
             "the sensor in millimetres, 43.3 if the lens is named by its equivalent for 35mm film"
         )
     return Lens(pixels, point or (width / 2, height / 2), source)
-
-
-def _as_view(initial: object) -> tuple[float, float] | None:
-    if initial is None:
-        return None
-    azimuth, elevation = as_numbers("initial", initial, "azimuth, elevation")
-    return azimuth, as_number("the elevation of initial", elevation, -90, 90)

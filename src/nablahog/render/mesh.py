@@ -229,7 +229,7 @@ def axes(up: str, front: str | None = None) -> Integers:
     upwards = _axis("up", up)
     front = FRONTS.get(up.lstrip("+")) if front is None else front
     if front is None:
-        raise ValueError(f"with up {up!r} there is no usual front: give front, too, such as '-y'")
+        raise ValueError(f"with up {up!r} there is no usual front: give `front`, too, such as '-y'")
     ahead = _axis("front", front)
     right = np.cross(upwards, ahead)
     if not right.any():

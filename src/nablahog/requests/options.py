@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from ..inputs.numbers import (
+    as_integer,
+    as_number,
+    as_numbers,
+    as_size,
+    as_truth,
+    check_choice,
+    parse_numbers,
+    shortened,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,74 +27,61 @@ class Kind:
 
     Attributes:
         name: in a line of usage.
-        read: the value of a text; ValueError says what was expected.
+        convert: the value of what JSON or :attr:`parse` has, by the name of its argument; ValueError if it is none.
+        parse: the numbers or the text that a text of the command stands for.
         write: the text of a value.
         choices: all values, if they are few names.
         least, most: the range of numbers.
-        above: whether the least number is none of the range.
         collect: what the values of a repeated option are together; None for an option that is not repeated.
     """
 
     name: str
-    read: Callable[[str], Any] = str
+    convert: Callable[[str, Any], Any]
+    parse: Callable[[str], Any] = str
     write: Callable[[Any], str] = str
     choices: Collection[str] = ()
     least: float | None = None
     most: float | None = None
-    above: bool = False
     collect: Callable[[list[Any]], Any] | None = None
 
+    def read(self, name: str, text: str) -> Any:
+        """The value of a text of the command."""
+        return self.convert(name, self.parse(text))
 
-def choice(names: Collection[str]) -> Kind:
+
+def choice(names: Collection[str], name: str = "NAME") -> Kind:
     """One of the names."""
-    return Kind("NAME", choices=names)
+
+    def convert(argument: str, value: Any) -> str:
+        check_choice(argument, value, names)
+        return str(value)
+
+    return Kind(name, convert, choices=names)
 
 
 def integer(least: int = 1, most: int = 10**18 - 1) -> Kind:
     """An integer in ``least`` … ``most``."""
-
-    def read(text: str) -> int:
-        if not text.isdecimal() or (len(text) < 19 and int(text) < least):
-            raise ValueError(f"expected an integer of at least {least}, got {text!r}")
-        if len(text) > 18 or int(text) > most:
-            raise ValueError(f"expected an integer of at most {most}, got {text!r}")
-        return int(text)
-
-    return Kind("N", read, least=least, most=most)
+    return Kind("N", partial(as_integer, least=least, most=most), parse_numbers, least=least, most=most)
 
 
-def number(name: str, expected: str, least: float, most: float | None = None, *, above: bool = False) -> Kind:
-    """A number in a range, which ``expected`` says; with ``above``, more than ``least``."""
-
-    def read(text: str) -> float:
-        (value,) = numbers(name).read(text)
-        if value < least or (above and value == least) or (most is not None and value > most):
-            raise ValueError(f"expected {expected}, got {text!r}")
-        return float(value)
-
-    return Kind(name, read, "{:g}".format, least=least, most=most, above=above)
+def number(name: str, **bounds: Any) -> Kind:
+    """A number in the bounds of :func:`.as_number`."""
+    least = bounds.get("least", bounds.get("above"))
+    return Kind(name, partial(as_number, **bounds), parse_numbers, "{:g}".format, least=least, most=bounds.get("most"))
 
 
-def numbers(names: str, check: Callable[..., None] = lambda *values: None) -> Kind:
-    """Finite numbers separated by commas, one for each of ``names``, which are, too; ``check`` raises ValueError."""
+def numbers(names: str, convert: Callable[[str, Any], Any] | None = None) -> Kind:
+    """Finite numbers separated by commas, one for each of ``names``, which are, too."""
+    return Kind(names, convert or partial(as_numbers, of_what=names), parse_numbers, write_numbers)
 
-    def read(text: str) -> tuple[float, ...]:
-        try:
-            values = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            values = ()
-        if len(values) != len(names.split(",")) or not all(map(math.isfinite, values)):
-            what = f"{names.count(',') + 1} numbers {names}" if "," in names else "a number"
-            raise ValueError(f"expected {what}, got {text!r}")
-        check(*values)
-        return values
 
-    return Kind(names, read, lambda values: ",".join(f"{value:g}" for value in values))
+def write_numbers(values: Sequence[float]) -> str:
+    return ",".join(f"{value:g}" for value in values)
 
 
 def path(name: str) -> Kind:
     """The name of a file or folder, which is not empty."""
-    return Kind(name, read_path)
+    return Kind(name, lambda _, value: read_path(value))
 
 
 def read_path(text: str) -> str:
@@ -94,24 +91,28 @@ def read_path(text: str) -> str:
     return text
 
 
-def _read_size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d{0,5})[x×]([1-9]\d{0,5})", text)
-    if match is None:
-        raise ValueError(f"expected pixels as HEIGHTxWIDTH, each at least 1, got {text!r}")
-    return int(match[1]), int(match[2])
+def _as_text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be a text, got {shortened(value)}")
+    return value
 
 
-def _read_setting(text: str) -> tuple[str, str]:
-    key, equals, value = text.partition("=")
-    if not key or not equals:
-        raise ValueError(f"expected KEY=VALUE, a parameter of the preset, got {text!r}")
-    return key, value
+def _as_setting(name: str, setting: tuple[str, ...]) -> tuple[str, str]:
+    if len(setting) != 2 or not setting[0] or not isinstance(setting[1], str):
+        got = shortened("=".join(map(str, setting)))
+        raise ValueError(f"{name} must be KEY=VALUE, a parameter of the preset and a text, got {got}")
+    return setting[0], setting[1]
 
 
-FLAG = Kind("")  # true if it is there
-TEXT = Kind("NAME")
-SIZE = Kind("HxW", _read_size, lambda sides: "x".join(map(str, sides)))
-SETTING = Kind("KEY=VALUE", _read_setting, "=".join, collect=dict)
+FLAG = Kind("", as_truth)  # true if it is there
+TEXT = Kind("NAME", _as_text)
+SIZE = Kind(
+    "HxW",
+    partial(as_size, axes="HEIGHTxWIDTH"),
+    lambda text: parse_numbers(re.sub("[x×]", ",", text)),
+    lambda sides: "x".join(map(str, sides)),
+)
+SETTING = Kind("KEY=VALUE", _as_setting, lambda text: tuple(text.split("=", 1)), "=".join, collect=dict)
 
 
 @dataclass(frozen=True, eq=False)

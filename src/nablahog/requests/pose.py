@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-import re
+import json
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, get_args
 
+from ..inputs.cameras import as_focal, as_view
+from ..inputs.numbers import as_plain, parse_numbers
 from ..pose.options import SearchMethod
-from .options import Kind, integer, keywords, number, numbers, option, path
+from .options import Kind, choice, integer, keywords, number, numbers, option, path
 
 Sides: TypeAlias = tuple[float, float, float, float]
 LEAST_CONFIDENCE = 0.3
-_PIXELS = number("PIXELS", "a number above 0, exif or unknown", 0, above=True)
+FROM_FILE, UNKNOWN = "exif", "unknown"  # focal lengths
 
 
-def _check_view(azimuth: float, elevation: float) -> None:
-    if not -90 <= elevation <= 90:
-        raise ValueError(f"expected an elevation in -90…90 degrees, got {elevation:g}")
-
-
-def _read_focal(text: str) -> float | str:
-    if text.lower().endswith("mm"):
+def _as_focal(name: str, focal: Any) -> Any:
+    if isinstance(focal, str) and focal.lower().endswith("mm"):
         raise ValueError(
-            f"expected pixels, got {text!r}: multiply by the photograph's diagonal, in pixels, over the sensor's, "
-            "which is 43.3mm if the lens is named by its equivalent for 35mm film"
+            f"{name} must be in pixels, got {focal!r}: multiply by the photograph's diagonal, in pixels, over the "
+            "sensor's, which is 43.3mm if the lens is named by its equivalent for 35mm film"
         )
-    return text if text in ("exif", "unknown") else float(_PIXELS.read(text))
+    focal = as_plain(focal)
+    if focal not in (FROM_FILE, UNKNOWN):
+        as_focal(name, focal)
+    return float(focal) if isinstance(focal, int) else focal
 
 
-def _write_focal(focal: float | str) -> str:
-    return focal if isinstance(focal, str) else f"{focal:g}"
-
-
-def _read_axis(text: str) -> str:
-    if not re.fullmatch("[+-]?[xyz]", text):
-        raise ValueError(f"expected x, y or z, with a sign or without, got {text!r}")
-    return text
+def _write_focal(focal: Any) -> str:
+    return focal if isinstance(focal, str) else f"{focal:g}" if isinstance(focal, float) else json.dumps(focal)
 
 
 def _first(boxes: list[Sides]) -> Sides | None:
@@ -43,8 +37,9 @@ def _first(boxes: list[Sides]) -> Sides | None:
     return boxes[0] if boxes else None
 
 
-AXIS = Kind("AXIS", _read_axis)
+AXIS = choice([f"{sign}{axis}" for sign in ("", "+", "-") for axis in "xyz"], "AXIS")
 BOX = replace(numbers("x0,y0,x1,y1"), collect=_first)
+FOCAL = Kind("PIXELS", _as_focal, parse_numbers, _write_focal)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +71,7 @@ class PoseRequest:
     initial: tuple[float, float] | None = option(
         None,
         "initial azimuth and elevation, roughly, if known, such as --init=-30,10",
-        numbers("az,el", _check_view),
+        numbers("az,el", as_view),
         flag="--init",
         keyword=True,
         on_page=True,
@@ -84,13 +79,13 @@ class PoseRequest:
     within: float = option(
         180.0,
         "most that the azimuth may differ from --init",
-        number("DEGREES", "a number above 0 and at most 180", 0, 180, above=True),
+        number("DEGREES", most=180, above=0),
         keyword=True,
     )
-    focal: float | str | None = option(
+    focal: Any = option(
         None,
         "focal length in pixels, exif to read it from the file, or unknown (default: exif if the file has it)",
-        Kind("PIXELS", _read_focal, _write_focal),
+        FOCAL,
         keyword=True,
         on_page=True,
     )
@@ -103,7 +98,7 @@ class PoseRequest:
     least_confidence: float = option(
         LEAST_CONFIDENCE,
         "exit with status 4 if the rotation is less likely than P to be within 15 degrees",
-        number("P", "a probability in 0…1", 0, 1),
+        number("P", least=0, most=1),
     )
     seed: int = option(0, "seed of all random numbers", integer(0), keyword=True, on_page=True)
     page: bool = option(False, "write a page of pictures for each object, too")

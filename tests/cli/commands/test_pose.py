@@ -176,14 +176,14 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
 
     check("the image of 150x180 pixels", box="200,0,300,100")
     check("of x, y, width, height write (90.0, 20.0, 130.0, 110.0)", box="90,20,40,90")
-    check("expected pixels, got '35mm': multiply by", focal="35mm", status=2)
+    check("--focal must be in pixels, got '35mm': multiply by", focal="35mm", status=2)
     refused("pose", photograph, "--init", "-30,10", *to, message="written --init=-", status=2)
-    check("x0,y0,x1,y1, got '1,2,3'", 2, box="1,2,3")
-    check("expected an elevation in -90…90 degrees, got 91", 2, init="0,91")
-    check("expected a number above 0 and at most 180", 2, within="200")
-    check("expected a number above 0, exif or unknown", 2, focal="-3")
-    check("expected a probability in 0…1", 2, **{"least-confidence": "1.5"})
-    check("expected x, y or z, with a sign or without, got 'up'", 2, up="up")
+    check("--box must be 4 finite numbers x0,y0,x1,y1, got (1, 2, 3)", 2, box="1,2,3")
+    check("the elevation of --init must be a finite number in -90 … 90, got 91", 2, init="0,91")
+    check("--within must be a finite number above 0 and at most 180", 2, within="200")
+    check("--focal must be a finite number of pixels above 0", 2, focal="-3")
+    check("--least-confidence must be a finite number in 0 … 1", 2, **{"least-confidence": "1.5"})
+    check("--up must be one of 'x', 'y', 'z'", 2, up="up")
     check("got 'z' and '-z'", up="z", front="-z")
     check("models/bad.off: ", mesh=Path(folder, "bad.off"))
     check("its EXIF data has no focal length", focal="exif")
@@ -215,7 +215,7 @@ def test_a_pose_that_is_not_sure_is_refused(
     Image.fromarray(np.full((120, 120), 128, np.uint8)).save(empty)
     arguments = ["pose", str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out)]
     assert main(arguments) == 4
-    assert "nablahog pose: refused: 1 of 1" in capsys.readouterr().err
+    assert "nablahog pose: refused, with a confidence below" in capsys.readouterr().err
     assert figures(out)["refused"]
     assert figures(out)["warning"] in (out / "index.html").read_text(encoding="utf-8")
     assert main([*arguments, "--least-confidence", "0"]) == 0

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Any, NoReturn, TypeVar
 
 from ...requests.dialect import PRESETS, preset_defaults
@@ -21,6 +23,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         if message.startswith("argument --") and message.endswith(": expected one argument"):
             message += f"; one that begins with a minus is written {message.split()[1].rstrip(':')}=-…"
+        message = re.sub(r"^argument (\S+): (?=\1 )", "", message)  # which names the option itself
         self.exit(2, f"{self.prog}: error: {one_line(message)} (see {self.prog} --help)\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -84,7 +87,7 @@ def add(
         return
     command.add_argument(
         name,
-        type=typed(kind.read),
+        type=typed(partial(kind.read, name)),
         action="store" if kind.collect is None else "append",
         choices=kind.choices or None,
         default=default,

@@ -94,7 +94,7 @@ def invert(commands: argparse._SubParsersAction[Parser]) -> None:
     options.inputs(command, "; a data set NAME.parquet")
     options.output(command, "DIR", "folder for the results, made if missing")
     options.add_request(command, InvertRequest)
-    options.add(command, "--device", Kind("DEVICE", device), "cpu, cuda or cuda:N", "cpu")
+    options.add(command, "--device", Kind("DEVICE", lambda _, text: device(text)), "cpu, cuda or cuda:N", "cpu")
     options.cluster(command)
 
 

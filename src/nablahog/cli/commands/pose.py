@@ -13,6 +13,7 @@ import numpy as np
 
 from ...inputs.arrays import as_mask
 from ...inputs.boxes import Box
+from ...inputs.cameras import as_focal
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import draw_polygons, read_exif_focal, read_image
 from ...io.lists import AnnotatedObject, read_objects
@@ -24,7 +25,7 @@ from ...pose.estimate import Lens
 from ...pose.result import pose_figures
 from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
-from ...requests.pose import PoseRequest
+from ...requests.pose import FROM_FILE, UNKNOWN, PoseRequest
 from ...runtime.cache import code_key
 from ...runtime.pytorch import in_plain_mode
 from ...runtime.text import to_unicode
@@ -219,14 +220,14 @@ class ObjectJob:
         return replace(self.request, box=None if box is None else (*box,), initial=initial, within=within)
 
 
-def read_lens(photo: Path, focal: float | str | None, principal_point: tuple[float, float] | None) -> Lens:
+def read_lens(photo: Path, focal: Any, principal_point: tuple[float, float] | None) -> Lens:
     """What the options and the photograph's file say about its camera."""
-    if isinstance(focal, float):
-        return Lens(focal, principal_point, "given")
-    pixels = None if focal == "unknown" else read_exif_focal(photo)
+    if focal not in (None, FROM_FILE, UNKNOWN):
+        return Lens(*as_focal("--focal", focal, principal_point), "given")
+    pixels = None if focal == UNKNOWN else read_exif_focal(photo)
     if pixels is not None:
         return Lens(pixels, principal_point, "exif")
-    if focal == "exif":
+    if focal == FROM_FILE:
         raise ValueError(f"{photo}: its EXIF data has no focal length, or the photograph was cropped: expected --focal")
     if principal_point is not None:
         raise ValueError(f"{photo}: --principal-point needs a known focal length: expected --focal")

@@ -275,7 +275,7 @@ def default_prior(spec: HOGSpec | str) -> LearnedPrior:
     spec = as_spec(spec)
     file = default_prior_file(spec)
     if file is None:
-        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: pass another, or prior=None")
+        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: give another `prior`, or none")
     return _load(file)
 
 
@@ -290,6 +290,6 @@ def _load(file: Path) -> LearnedPrior:
     if not file.exists():
         raise FileNotFoundError(
             f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
-            "that has it, learn one (nablahog learn prior), or do without (prior=None, --prior none)"
+            "that has it, learn one (nablahog learn prior), or do without (`prior` none)"
         )
     return LearnedPrior.load(file)
