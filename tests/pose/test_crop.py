@@ -236,7 +236,7 @@ def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, B
     ("changes", "message"),
     [
         ({"within": 0}, "within must be a finite number above 0 and at most 180"),
-        ({"principal_point": (3, 4)}, "principal_point needs a known focal length"),
+        ({"principal_point": (3, 4)}, "`principal_point` needs a known focal length"),
         ({"focal": 300, "principal_point": (3, math.nan)}, "principal_point must be 2 finite numbers x, y"),
         ({"focal": 20.0}, "in pixels, 0.1 to 100 diagonals of the photograph, got 20"),
         ({"focal": "far"}, "focal must be a finite number of pixels above 0, .*, or 'exif', got 'far'"),
@@ -257,7 +257,7 @@ def test_the_lens_of_a_photograph_s_file(scene: tuple[Tensor, Box]) -> None:
     assert estimate.camera.focal == pytest.approx(50 / math.hypot(36, 24) * math.hypot(150, 180))
     assert (estimate.focal_from, estimate.principal_point) == ("exif", (90, 75))
     for without in (image, Image.fromarray(np.zeros((60, 60), np.uint8))):
-        with pytest.raises(ValueError, match="focal='exif' needs an uncropped PIL image"):
+        with pytest.raises(ValueError, match="`focal` 'exif' needs an uncropped PIL image"):
             estimate_pose(without, model(), focal="exif")
 
 

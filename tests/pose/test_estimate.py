@@ -165,7 +165,7 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     [
         ({"models": {}}, "at least one model, got none"),
         ({"method": "aubry"}, "method must be one of 'best', 'paper', 'paper-edges', 'exhaustive', got 'aubry'"),
-        ({"within": 10}, "within=10 needs initial"),
+        ({"within": 10}, "`within` 10 needs `initial`"),
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
         ({"initial": (0, 91)}, "elevation of initial must be a finite number in -90 … 90"),
         ({"box": (200, 0, 300, 150)}, "the image of 150x180 pixels"),

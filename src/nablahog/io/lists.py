@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -14,12 +13,15 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..inputs.boxes import Box
+from ..inputs.numbers import as_integer, as_number, as_numbers, parse_numbers
 from ..runtime.text import decode_text, one_line, unguard_formula
 from .input_file import input_file
 
 MAX_TABLE_BYTES = 2**28  # of a file
+LARGEST_ID = 10**18  # of an object in a list
 SIDES = ("x0", "y0", "x1", "y1")
 ANGLES = ("azimuth", "elevation", "theta")
+BOUNDS = {"elevation": {"least": -90, "most": 90}}  # of numbers, by column
 _OTHER_NAMES = dict(zip(("xmin", "ymin", "xmax", "ymax"), SIDES, strict=True))  # as in PASCAL VOC
 
 
@@ -43,23 +45,17 @@ class ListEntry:
         value = self.values.get(column)
         return value.strip() if isinstance(value, str) else ""
 
-    def number(self, column: str, unit: str) -> float:
-        """The number in a column; ValueError if it is no finite one."""
+    def number(self, column: str, **bounds: Any) -> float:
+        """The number in a column, in the bounds of :func:`.as_number`; ValueError if it is none."""
         value = self.values.get(column)
-        try:
-            written = value.replace(self.decimal, ".") if isinstance(value, str) else value
-            number = math.nan if isinstance(value, bool) else float(written)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if not math.isfinite(number):
-            raise self.error(column, f"expected a finite number of {unit}, got {one_line(repr(value), 60)}")
-        return number
+        number = parse_numbers(value.replace(self.decimal, ".")) if isinstance(value, str) else value
+        return as_number(f"{self.where}, column {column}", number, **bounds)
 
-    def numbers(self, columns: Sequence[str], unit: str) -> list[float] | None:
+    def numbers(self, columns: Sequence[str]) -> list[float] | None:
         """The numbers in some columns; None if all are empty; ValueError if some are, or one is not a finite number."""
         if all(str(self.values.get(column) or "").strip() == "" and self.values.get(column) != 0 for column in columns):
             return None
-        return [self.number(column, unit) for column in columns]
+        return [self.number(column, **BOUNDS.get(column, {})) for column in columns]
 
 
 def read_list(path: Path, expected: str) -> bytes:
@@ -221,10 +217,7 @@ def _entries(path: Path, name: str, entries: list[Any]) -> list[ListEntry]:
 
 
 def _id(row: ListEntry, key: str) -> int:
-    value = row.values.get(key)
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise row.error(key, f"expected an integer, got {one_line(repr(value), 60)}")
-    return value
+    return as_integer(f"{row.where}, column {key}", row.values.get(key), -LARGEST_ID, LARGEST_ID)
 
 
 def _inside(row: ListEntry, image: object, folder: str | os.PathLike[str] | None) -> str:
@@ -241,13 +234,9 @@ def _inside(row: ListEntry, image: object, folder: str | os.PathLike[str] | None
 
 def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
     """The object of a row of either format, in the file ``image``; ValueError, with the row, if a value is wrong."""
-    sides = row.numbers(SIDES, "pixels")
+    sides = row.numbers(SIDES)
     if "bbox" in row.values:
-        corner = row.values["bbox"]
-        if not isinstance(corner, list) or len(corner) != 4:
-            raise row.error("bbox", f"expected x, y, width, height, got {one_line(repr(corner), 60)}")
-        entries = ListEntry(row.where, dict(zip(("bbox[0]", "bbox[1]", "bbox[2]", "bbox[3]"), corner, strict=True)))
-        x, y, width, height = (entries.number(name, "pixels") for name in entries.values)
+        x, y, width, height = as_numbers(f"{row.where}, column bbox", row.values["bbox"], "x, y, width, height")
         sides = [x, y, x + width, y + height]
     polygons = () if sides is not None else _read_polygons(row)
     if polygons:
@@ -256,10 +245,8 @@ def read_object(number: int, row: ListEntry, image: str) -> AnnotatedObject:
     box = None if sides is None else Box(*sides)
     if box is not None and not (box.width > 0 and box.height > 0):
         raise ValueError(f"{row.where}: expected a box with sides above 0, got {tuple(box)}")
-    view = row.numbers(ANGLES[:2], "degrees")
-    if view is not None and abs(view[1]) > 90:
-        raise row.error("elevation", f"expected degrees in -90…90, got {view[1]:g}")
-    (theta,) = row.numbers(ANGLES[2:], "degrees") or (None,)
+    view = row.numbers(ANGLES[:2])
+    (theta,) = row.numbers(ANGLES[2:]) or (None,)
     angles = None if view is None else (view[0], view[1])
     return AnnotatedObject(number, image, box, angles, theta, row.text("model") or None, polygons)
 
@@ -275,7 +262,5 @@ def _read_polygons(row: ListEntry) -> tuple[tuple[float, ...], ...]:
     ):
         expected = "a bbox, or polygons [[x, y, x, y, x, y, …], …]"
         raise row.error(column, f"expected {expected}, got {one_line(repr(polygons), 60)}")
-    return tuple(
-        tuple(ListEntry(row.where, {column: value}).number(column, "pixels") for value in polygon)
-        for polygon in polygons
-    )
+    where = f"{row.where}, column {column}"
+    return tuple(tuple(as_number(where, value) for value in polygon) for polygon in polygons)

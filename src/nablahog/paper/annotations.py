@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from ..inputs.boxes import Box
 from ..io.images import read_image
-from ..io.lists import ANGLES, SIDES, AnnotatedObject, ListEntry, read_csv, read_object
+from ..io.lists import ANGLES, BOUNDS, SIDES, AnnotatedObject, ListEntry, read_csv, read_object
 from ..render.models import Model
 from ..runtime.text import one_line
 
@@ -163,9 +163,7 @@ def read_viewpoints(path: str | os.PathLike[str]) -> Floats:
     for viewpoint, row in zip(viewpoints, rows, strict=True):
         for k, column in enumerate(ANGLES):
             if k < 2 or column in row.values:
-                viewpoint[k] = row.number(column, "degrees")
-        if abs(viewpoint[1]) > 90:
-            raise row.error("elevation", f"expected -90…90 degrees, got {viewpoint[1]:g}")
+                viewpoint[k] = row.number(column, **BOUNDS.get(column, {}))
     viewpoints[:, 0] %= 360
     viewpoints[viewpoints[:, 0] == 360, 0] = 0  # the remainder of a number just below 0
     return viewpoints
