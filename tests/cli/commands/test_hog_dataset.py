@@ -138,7 +138,7 @@ def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
     ]
 
 
-def test_archives_and_brackets(photos: Path, tmp_path: Path) -> None:
+def test_archives_and_brackets(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
     with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
         for k in (0, 1):
             archive.write(photos / f"{k}.png", f"in/{k + 9}.png")
@@ -151,6 +151,10 @@ def test_archives_and_brackets(photos: Path, tmp_path: Path) -> None:
     rows = list(DescriptorDataset(out))
     assert [row.path.partition("::")[0] for row in rows] == ["zip://in/9.png", "zip://in/10.png", "zip://b[1].png"]
     assert all(row.error is None for row in rows)
+    with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
+        for k, member in enumerate(("in/9.png", "in/10.png", "b[1].png")):
+            archive.write(photos / f"{2 * (k // 2)}.png", member)
+    refused("hog", name, bracket, "-o", out, message=f"1 image changed (zip://in/10.png::{tmp_path / 'photos.zip'})")
 
 
 def test_links_of_a_chain(photos: Path, tmp_path: Path) -> None:
