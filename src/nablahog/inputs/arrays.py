@@ -84,6 +84,14 @@ def advise_on_axes(shape: tuple[int, ...]) -> str:
     return "pass a tensor (B, C, H, W) of any C"
 
 
+def as_unit_range(name: str, images: object) -> tuple[Tensor, bool]:
+    """:func:`as_images` in floats in 0…1; TypeError for other dtypes than floats and uint8."""
+    batch, is_single = as_images(name, images)
+    if batch.dtype != torch.uint8 and not batch.is_floating_point():
+        raise TypeError(f"{name} must be floats in 0…1, or uint8 in 0…255, got {batch.dtype}{WHITE}")
+    return batch / 255 if batch.dtype == torch.uint8 else batch, is_single
+
+
 def as_photograph(name: str, photograph: object) -> Tensor:
     """One photograph (C, H, W), C 1 or 3, finite floating point numbers or uint8, of a tensor, array or PIL image.
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import WHITE, ArrayImage, as_images, check_dense, check_values
+from ..inputs.arrays import ArrayImage, as_unit_range, check_dense, check_values
 from ..inputs.numbers import as_integer, as_number, as_size, as_truth, check_choice, check_type
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
@@ -65,14 +65,6 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     if largest > LARGEST_ENTRY:
         raise ValueError(f"the descriptor's entries must be at most {LARGEST_ENTRY:g} in magnitude, got {largest:g}")
     return height, width
-
-
-def as_unit_range(name: str, images: object) -> tuple[Tensor, bool]:
-    """:func:`.as_images` in floats in 0…1; TypeError for other dtypes than floats and uint8."""
-    images, is_single = as_images(name, images)
-    if images.dtype != torch.uint8 and not images.is_floating_point():
-        raise TypeError(f"{name} must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{WHITE}")
-    return images / 255 if images.dtype == torch.uint8 else images, is_single
 
 
 def convert_images(

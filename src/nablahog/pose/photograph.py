@@ -18,7 +18,7 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.box import pixel_box
 from ..inputs.arrays import check_shape, check_values
-from ..inputs.numbers import as_integer, as_number, as_size, check_type
+from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number, as_size, check_type
 from .background import FINE_CELL, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind
@@ -172,7 +172,7 @@ def elements(
     check_shape("the descriptor", descriptor, ("rows", "cols", background.spec.channels))
     check_values("the descriptor", descriptor)
     size = as_size("size", size, "rows, cols")
-    count = None if count is None else as_integer("count", count)
+    count = None if count is None else as_integer("count", count, 1, LONGEST_SIDE)
     overlap, threshold = as_number("overlap", overlap, 0, 1), as_number("threshold", threshold, 0)
     background.factor(*size)  # raises for sizes it does not know
     across = max(0, descriptor.shape[1] - size[1] + 1)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import check_shape, check_values
+from ..inputs.arrays import as_unit_range, check_shape, check_values
 from ..inputs.numbers import as_integer, check_type, shortened
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, build_network, check_weights
 from .background import FINE_CELL, pose_spec
@@ -142,12 +142,13 @@ class ViewpointPrior(LearnedModel):
         The geometric mean of those for the image and for the mirrored one.
 
         Args:
-            images: (B, 1, 128, 128) of objects that fill their crops, float32 in 0…1.
+            images: (B, 1, 128, 128) of objects that fill their crops, floats in 0…1 or uint8.
 
         Raises:
             TypeError: they are no dense tensor.
             ValueError: they have another shape or dtype.
         """
+        images, _ = as_unit_range("images", images)
         check_shape("images", images, ("B", 1, CROP_SIDE, CROP_SIDE))
         check_values("images", images)
         descriptors = describe(images.float(), self.spec)

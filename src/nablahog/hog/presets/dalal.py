@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-from ...inputs.numbers import as_square_or_size, check_choice
+from ...inputs.numbers import as_integer, as_number, as_square_or_size, as_truth, check_choice
 from ..normalizers import BlockNorm, CellNorm, GlobalNorm
 from ..normalizers.block import BlockForm
 from ..normalizers.per_cell import GlobalForm
@@ -152,9 +152,9 @@ def skimage(
         cell_size=as_square_or_size("pixels_per_cell", pixels_per_cell),
         normalizer=BlockNorm(as_square_or_size("cells_per_block", cells_per_block), form=block_norm),
         pooling=BoxCells(mean=True),
-        gamma="sqrt" if transform_sqrt else "none",
+        gamma="sqrt" if as_truth("transform_sqrt", transform_sqrt) else "none",
         boundary="upper",
-        layout="block-vector" if feature_vector else "blocks",
+        layout="block-vector" if as_truth("feature_vector", feature_vector) else "blocks",
     )
 
 
@@ -193,6 +193,7 @@ def opencv(
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (15, 7), 36)
     """
+    win_sigma = as_number("win_sigma", win_sigma)
     sizes = {"win_size": win_size, "block_size": block_size, "block_stride": block_stride, "cell_size": cell_size}
     all_window, block, step, cell = (
         as_square_or_size(name, size, "width, height")[::-1] for name, size in sizes.items()
@@ -219,7 +220,7 @@ def opencv(
             clip=l2hys_threshold,
         ),
         pooling=BlockCells(block, step, (block[0] + block[1]) / 8 if win_sigma <= 0 else win_sigma),
-        gamma="sqrt" if gamma else "none",
+        gamma="sqrt" if as_truth("gamma", gamma) else "none",
         colour_ties="opencv",
         angle="opencv",
         layout="opencv-vector",
@@ -259,7 +260,7 @@ def maskfeat(
         name="maskfeat",
         colour="separate",
         bins=nbins,
-        bin_offset=0.5 + nbins / 2,  # its angles begin at the vertical
+        bin_offset=0.5 + as_integer("nbins", nbins) / 2,  # its angles begin at the vertical
         vote="hard",
         cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=CellNorm(),

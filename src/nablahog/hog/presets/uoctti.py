@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
-from ...inputs.numbers import as_square_or_size, check_choice
+from ...inputs.numbers import LONGEST_SIDE, as_integer, as_square_or_size, as_truth, check_choice
 from ..normalizers import FourBlockNorm
 from ..normalizers.four_block import Part
 from ..poolings import BilinearCells
@@ -55,7 +55,7 @@ def uoctti(
     return replace(
         _UOCTTI,
         colour=colour,
-        bins=2 * orientations,
+        bins=2 * as_integer("orientations", orientations),
         vote=vote,
         cell_size=as_square_or_size("cell_size", cell_size),
     )
@@ -129,15 +129,16 @@ def vlfeat(
         "dalaltriggs": ("blocks",),
     }
     check_choice("variant", variant, Variant)
+    is_bilinear = as_truth("bilinear_orientations", bilinear_orientations)
     return replace(
         _UOCTTI,
         name="vlfeat" if variant == "uoctti" else "vlfeat-dalaltriggs",
-        bins=2 * orientations if variant == "uoctti" else orientations,
+        bins=2 * as_integer("orientations", orientations) if variant == "uoctti" else orientations,
         signed=variant == "uoctti",
-        vote="linear" if bilinear_orientations else "hard",
+        vote="linear" if is_bilinear else "hard",
         cell_size=as_square_or_size("cell_size", cell_size),
         normalizer=FourBlockNorm(parts=parts[variant]),
-        angle="vlfeat" if bilinear_orientations else "exact",
+        angle="vlfeat" if is_bilinear else "exact",
         layout="planes",
     )
 
@@ -183,10 +184,9 @@ def dlib(cell_size: int = 8) -> HOGSpec:
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (14, 6), 31)
     """
+    cell_size = as_integer("cell_size", cell_size, most=LONGEST_SIDE)
     if cell_size < 2:
-        raise ValueError(
-            f"cell_size must be at least 2: dlib makes another descriptor of cells of one, got {cell_size}"
-        )
+        raise ValueError("cell_size must be at least 2: dlib makes another descriptor of cells of one, got 1")
     return replace(
         _UOCTTI,
         name="dlib",
@@ -223,7 +223,7 @@ def piotr(cell_size: int = 8, *, orientations: int = 9, clip: float = 0.2) -> HO
         # his gradients are halved and his histograms divided by the pixels of a cell, but so is the root of his ε
         value_range=1.0,
         border="extrapolate",
-        bins=2 * orientations,
+        bins=2 * as_integer("orientations", orientations),
         cell_size=as_square_or_size("cell_size", cell_size),
         partial_cells="floor",
         normalizer=FourBlockNorm(clip=clip, parts=("directed", "undirected", "texture", "zero"), texture="dpm"),
@@ -250,6 +250,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
     >>> spec.cell_size, spec.grid(128, 64), spec.channels
     ((8, 8), (16, 8), 27)
     """
+    bilinear, cell_size = as_truth("bilinear", bilinear), as_integer("cell_size", cell_size, most=LONGEST_SIDE)
     if cell_size % 2:
         raise ValueError(f"cell_size must be even, got {cell_size}")
     return replace(
@@ -258,7 +259,7 @@ def cnn_hog(cell_size: int = 8, *, orientations: int = 9, bilinear: bool = False
         value_range=127.5,  # their gradients are halved
         colour="gray",
         border="gray",
-        bins=2 * orientations,
+        bins=2 * as_integer("orientations", orientations),
         vote="linear" if bilinear else "hard",
         cell_size=as_square_or_size("cell_size", cell_size),
         partial_cells="floor",

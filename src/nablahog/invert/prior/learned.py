@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
-from ...inputs.arrays import check_shape
+from ...inputs.arrays import as_unit_range, check_shape
 from ...inputs.numbers import as_integer, as_seed, as_size, shortened
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ..arguments import MOST_SAMPLES, check_descriptor, check_finite
@@ -155,7 +155,7 @@ class LearnedPrior(LearnedModel):
         """The probability that images with unsigned descriptors are not negatives.
 
         Args:
-            images: (B, 1, H, W), of any contrast, floats.
+            images: (B, 1, H, W), of any contrast, floats or uint8.
             descriptor: (B, rows, cols, channels), theirs, float32 or float64.
             spec: its dialect, or the name of a preset with its defaults.
             histograms: as for :meth:`expected`.
@@ -166,6 +166,7 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`.
         """
+        images, _ = as_unit_range("images", images)
         check_shape("images", images, ("B", 1, "H", "W"))
         size = (images.shape[2], images.shape[3])
         network, linear_spec, _, histograms = self._prepare(descriptor, as_spec(spec), size, histograms)
