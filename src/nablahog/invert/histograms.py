@@ -23,6 +23,7 @@ from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import pooling_axes, split_colours
 from ..optimize import lbfgs
+from ..runtime.pytorch import by_image
 from .reconstruction import squared_norm, squared_scale
 from .unknowns import CosineBasis, from_cosines, to_cosines
 
@@ -131,7 +132,7 @@ def _fit_histograms(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], ma
 
     def histograms(unknowns: Tensor, index: Tensor) -> Tensor:
         level, entries = unknowns[:, : rows * cols], unknowns[:, rows * cols :].reshape(-1, spec.bins, rows, cols)
-        cells = limit[index].exp() * torch.sigmoid(levels.image(level) + entries - limit[index])
+        cells = limit[index].exp() * by_image(torch.sigmoid, levels.image(level) + entries - limit[index])
         return alignment.restore(torch.where(shares[index] > 0, cells, 0))
 
     @torch.enable_grad()

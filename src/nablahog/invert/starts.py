@@ -37,6 +37,7 @@ from ..hog.entries import mean_over_colours
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import pooling_axes
+from ..runtime.pytorch import by_image
 from .histograms import average_colours
 from .unknowns import from_cosines, to_cosines
 
@@ -61,14 +62,18 @@ def starting_images(
 
     The noise has the standard deviation ``spread``, comes in pairs, and is the same for every image of the batch.
     """
-    if spec.signed:
-        smooth = integrate(*mean_gradient(mean_over_colours(histograms, spec), spec, height, width)).unsqueeze(1)
-    else:
-        cells = expected_cells(average_colours(histograms, spec, (height, width)), spec, seed).unsqueeze(1)
-        # from votes of a cell, differences of two pixels, to the difference of two cells
-        per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
-        smooth = enlarge(cells / per_step, height, width).unsqueeze(2)
+    smooth = by_image(lambda cells: _smooth_images(cells, spec, height, width, seed), histograms)
     return 0.5 + smooth / spec.value_range + pair_noise(histograms, height, width, count, seed, spread)
+
+
+def _smooth_images(histograms: Tensor, spec: HOGSpec, height: int, width: int, seed: int) -> Tensor:
+    """The images (B, 1, 1, H, W) that histograms (B, colours · bins, rows, cols) integrate to, of zero mean."""
+    if spec.signed:
+        return integrate(*mean_gradient(mean_over_colours(histograms, spec), spec, height, width)).unsqueeze(1)
+    cells = expected_cells(average_colours(histograms, spec, (height, width)), spec, seed).unsqueeze(1)
+    # from votes of a cell, differences of two pixels, to the difference of two cells
+    per_step = math.sqrt(spec.cell_size[0] * spec.cell_size[1])
+    return enlarge(cells / per_step, height, width).unsqueeze(2)
 
 
 def noise(like: Tensor, height: int, width: int, count: int, seed: int, spread: float = START_NOISE) -> Tensor:

@@ -99,6 +99,13 @@ def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
     return int(share * (free + unused))
 
 
+def by_image(function: Callable[..., torch.Tensor], *batches: torch.Tensor) -> torch.Tensor:
+    """``function(*batches)``; on a CPU of each image alone: PyTorch rounds a number by its place in a batch."""
+    if not len(batches[0]) or not batches[0].is_cpu:
+        return function(*batches)
+    return torch.cat([function(*(batch[k : k + 1] for batch in batches)) for k in range(len(batches[0]))])
+
+
 _seeding = threading.RLock()
 
 

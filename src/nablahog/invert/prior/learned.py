@@ -17,6 +17,7 @@ from ...hog.spec import HOGSpec
 from ...inputs.arrays import as_unit_range, check_shape
 from ...inputs.numbers import as_integer, as_seed, as_size, shortened
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
+from ...runtime.pytorch import by_image
 from ..arguments import MOST_SAMPLES, check_descriptor, check_finite
 from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
@@ -123,7 +124,8 @@ class LearnedPrior(LearnedModel):
         """
         spec = as_spec(spec)
         network, linear_spec, size, histograms = self._prepare(descriptor, spec, image_size, histograms)
-        images = match_contrast(network.predict(histograms, linear_spec, size), histograms, linear_spec)
+        images = by_image(lambda cells: network.predict(cells, linear_spec, size), histograms)
+        images = match_contrast(images, histograms, linear_spec)
         if spec.signed:
             images = _add_integral(images, histograms, linear_spec)
         return images.to(descriptor.dtype)
@@ -144,7 +146,7 @@ class LearnedPrior(LearnedModel):
         network, linear_spec, size, histograms = self._prepare(descriptor, as_spec(spec), image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws = network.draw(histograms, linear_spec, size, count, seed)
+        draws = by_image(lambda cells: network.draw(cells, linear_spec, size, count, seed), histograms)
         images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_spec)
         return images.to(descriptor.dtype).reshape(-1, count, 1, *size)
 
@@ -175,7 +177,10 @@ class LearnedPrior(LearnedModel):
         check_finite("images", images)
         if not isinstance(network, UnsignedNetwork):
             return descriptor.new_ones(len(descriptor))
-        return network.polarity_confidence(images.float(), histograms, linear_spec).to(descriptor.dtype)
+        confidence = by_image(
+            lambda image, cells: network.polarity_confidence(image, cells, linear_spec), images.float(), histograms
+        )
+        return confidence.to(descriptor.dtype)
 
     def _prepare(
         self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int], histograms: Tensor | None = None
