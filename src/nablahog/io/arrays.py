@@ -19,6 +19,7 @@ from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import InputFile, Readable, input_file
 
+PICKLED = "pickled objects, which are never loaded: write numbers, as array.astype(float) makes them"
 MAX_ARCHIVE_BYTES = (
     2**28
 )  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
@@ -193,7 +194,7 @@ def _open_archive(file: InputFile, kind: str) -> Iterator[np.lib.npyio.NpzFile]:
             yield arrays
     except Exception as error:  # a damaged archive fails in zipfile, zlib or numpy, each with its own kinds of error
         if "allow_pickle" in str(error):
-            raise ValueError(f"{file}: the archive holds pickled objects, which are never loaded") from None
+            raise ValueError(f"{file}: the archive holds {PICKLED}") from None
         raise ValueError(f"{file}: the archive is damaged: {one_line(error)}") from None
 
 
@@ -223,7 +224,7 @@ def _read_npy(file: InputFile) -> NDArray[Any]:
         return np.array(array) if dtype.kind == "f" else array  # copying 10¹² items of 0 bytes takes forever
     except Exception as error:  # a damaged header fails in many ways
         if "Python objects" in str(error):
-            raise ValueError(f"{file}: the file holds pickled objects, which are never loaded") from None
+            raise ValueError(f"{file}: the file holds {PICKLED}") from None
         raise ValueError(f"{file}: expected an array (.npy), but it cannot be read: {one_line(error)}") from None
 
 

@@ -43,6 +43,8 @@ def file_of(value: Any) -> tuple[str, bytes]:
 def stored(value: Any) -> tuple[str, bytes]:
     """A descriptor as a file of NumPy or PyTorch."""
     file = io.BytesIO()
+    if np.ma.is_masked(value):  # which no file holds
+        raise NotApplicable
     if isinstance(value, np.ndarray):
         np.save(file, value, allow_pickle=True)
         return ".npy", file.getvalue()
