@@ -76,6 +76,34 @@ def test_forked_processes_have_threads_of_their_own(two_threads: None) -> None:
     assert results.get() == [0, 1, 2]
 
 
+def _seeded_in_child(results: multiprocessing.queues.SimpleQueue[float]) -> None:
+    with seeded(3):
+        results.put(float(torch.rand(1)))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
+def test_a_process_forked_while_another_thread_seeds_can_seed() -> None:
+    inside, leave = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with seeded(3):
+            inside.set()
+            leave.wait(30)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    inside.wait(30)
+    context = multiprocessing.get_context("fork")
+    child = context.Process(target=_seeded_in_child, args=(context.SimpleQueue(),))
+    child.start()
+    child.join(10)
+    child.kill()
+    leave.set()
+    thread.join()
+    assert child.exitcode == 0
+
+
 def test_the_generator_goes_on_as_before() -> None:
     torch.manual_seed(7)
     expected = torch.rand(4)

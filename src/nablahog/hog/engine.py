@@ -142,21 +142,21 @@ class _RunSimply(Function):
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, step: Step) -> Tensor:
-        output, ctx.saved = step.run(x)
+        output, saved = step.run(x)
         ctx.step = step
-        ctx.save_for_backward(x)
+        ctx.save_for_backward(x, saved)
         return output
 
     @staticmethod
     def backward(ctx: Any, grad_output: Tensor) -> tuple[Tensor, None]:
-        (x,), step = ctx.saved_tensors, ctx.step
+        (x, saved), step = ctx.saved_tensors, ctx.step
         if _batched(grad_output):
             with torch.enable_grad():
                 x = x.detach().requires_grad_()
                 return torch.autograd.grad(step.reference(x), x, grad_output)[0], None
         if torch.is_grad_enabled() or _transforms_active() or forward_ad._current_level >= 0:
-            return _applied(_Vjp, x, ctx.saved, grad_output, step), None
-        return step.vjp(x, ctx.saved, grad_output.resolve_neg()), None
+            return _applied(_Vjp, x, saved, grad_output, step), None
+        return step.vjp(x, saved, grad_output.resolve_neg()), None
 
 
 # the C++ function behind ``Function.apply``: unlike that, it does not check for transforms again

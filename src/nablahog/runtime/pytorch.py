@@ -68,7 +68,9 @@ def _one_thread() -> None:
 
 
 def _after_fork() -> None:
-    """A forked process has the pools of its parent, OpenMP's too, without their threads, and would wait for these."""
+    """A forked process has the pools of its parent, OpenMP's too, without their threads, and would wait."""
+    global _seeding
+    _seeding = threading.RLock()  # another thread of the parent may have held it
     _pool.cache_clear()
     torch.set_num_threads(1)
 

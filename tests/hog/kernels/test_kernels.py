@@ -317,6 +317,19 @@ def test_a_normaliser_of_a_kind_that_is_not_compiled_runs_as_it_is() -> None:
     halves.sum().backward()
 
 
+def test_cells_are_freed_after_the_backward_pass() -> None:
+    descriptor = hog(noise(1, 1, 24, 24).requires_grad_(), SPECS["uoctti"])
+    node: Any = descriptor.grad_fn
+    while node.name() != "_RunSimplyBackward":
+        node = node.next_functions[0][0]
+    descriptor.sum().backward(retain_graph=True)
+    assert len(node.saved_tensors) == 2
+    descriptor.sum().backward()
+    assert not [value for value in vars(node).values() if isinstance(value, Tensor)]
+    with pytest.raises(RuntimeError, match="freed"):
+        _ = node.saved_tensors
+
+
 @specs
 def test_without_a_graph_the_result_is_the_same(name: str) -> None:
     """Cells are then not kept."""
