@@ -97,7 +97,7 @@ def test_a_new_photograph_is_the_only_one_to_be_described(
     capsys.readouterr()
     main(command)
     assert described == ["7.png"]
-    assert capsys.readouterr().out == f"8 of 9 images in {out}, 1 of them new\n"
+    assert capsys.readouterr().out == f"8 of 9 images in {out}, 1 of them described now\n"
     assert names(out) == [*before, "part-000003.parquet"]
     for name in before:
         assert name == MANIFEST or (out / name).stat().st_mtime_ns == times[name]

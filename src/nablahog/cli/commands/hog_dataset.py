@@ -115,6 +115,6 @@ def _report(target: str, before: int) -> int:
         raise ValueError(f"no image of {len(data):,} has a descriptor; the first: {': '.join(errors[0])}")
     for path, reason in errors[:NAMED_FAILURES]:
         inform(f"nablahog hog: skipped: {path}: {reason}")
-    new = f", {len(data) - before:,} of them new" if before else ""
+    new = f", {len(data) - before:,} of them described now" if before else ""
     say(f"{len(data) - len(errors):,} of {len(data):,} images in {target}{new}")
     return SOME_SKIPPED if errors else 0
