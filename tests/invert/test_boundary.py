@@ -110,3 +110,19 @@ def test_samples_in_several_threads_are_those_of_one() -> None:
     assert not torch.equal(expected[0], expected[1])
     with ThreadPoolExecutor(3) as pool:
         assert all(map(torch.equal, pool.map(draw, range(4)), expected))
+
+
+def test_priors_refuse_what_does_not_go_with_the_descriptor() -> None:
+    prior, descriptor = default_prior("paper"), hog(IMAGE, "paper")
+    histograms = torch.zeros(2, 9, 8, 8)  # of another batch
+    for call in (
+        lambda: prior.expected(descriptor, "paper", (64, 64), histograms),
+        lambda: prior.expected(descriptor.to_sparse(), "paper", (64, 64)),
+        lambda: prior.expected(descriptor, "paper", 64),  # type: ignore[arg-type]
+        lambda: prior.samples(descriptor, "paper", (64, 64), 2.5),  # type: ignore[arg-type]
+        lambda: prior.samples(descriptor, "paper", (64, 64), 2, seed="a"),  # type: ignore[arg-type]
+        lambda: prior.polarity_confidence(IMAGE.repeat(2, 1, 1, 1), descriptor, "paper"),
+        lambda: reconstruct(descriptor, "paper", search="fast"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises((TypeError, ValueError), match="must"):
+            call()

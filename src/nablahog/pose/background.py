@@ -19,6 +19,7 @@ from ..inputs.arrays import ArrayImage
 from ..inputs.numbers import as_integer
 from ..inputs.training_images import gray_photographs
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
+from ..runtime.pytorch import in_plain_mode
 from .whitening import Background, check_spec
 
 STORED_BACKGROUNDS = Path(__file__).with_name("default_backgrounds")  # see its README.md
@@ -34,6 +35,7 @@ def least_size(spec: HOGSpec, order: int = ORDER) -> tuple[int, int]:
     return spec.image_size(cells, cells)
 
 
+@in_plain_mode
 def learn_background(
     images: Mapping[str, Tensor | ArrayImage],
     spec: HOGSpec | str,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..table import Column
-from . import describing, fitting, front_ends, inverting
+from . import describing, fitting, front_ends, inverting, parts
 
 COLUMNS: dict[str, Column] = {
-    column.name: column for part in (describing, inverting, fitting, front_ends) for column in part.COLUMNS
+    column.name: column for part in (describing, inverting, fitting, parts, front_ends) for column in part.COLUMNS
 }
