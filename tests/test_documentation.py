@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import pytest
 
 from docs import check_links
-from nablahog.runtime.extras import PACKAGES, install_command
+from nablahog.runtime.extras import INSTALL_COMMANDS, PACKAGES
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -59,8 +59,8 @@ def test_install_commands_of_the_pages() -> None:
             assert "nablahog" not in command, page
             if extras & set(command.split()):
                 seen.add(command)
-                assert command in map(install_command, PACKAGES), page
-    assert {install_command(name) for name in ("app", "cluster", "dataset")} <= seen
+                assert command in INSTALL_COMMANDS.values(), page
+    assert {INSTALL_COMMANDS[name] for name in ("app", "cluster", "dataset")} <= seen
 
 
 def test_dead_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

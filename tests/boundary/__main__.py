@@ -15,7 +15,6 @@ import torch
 from nablahog.runtime.pytorch import load_forward_mode
 
 from .columns import COLUMNS
-from .known import write_failures
 from .rows import ROWS
 from .table import Cell, Column, Row, numbers, run_cell
 
@@ -55,7 +54,6 @@ def main() -> int:
     parser.add_argument("--failing", action="store_true", help="list the failing cells, each with its error")
     parser.add_argument("--refused", action="store_true", help="list the refusals")
     parser.add_argument("--times", action="store_true", help="list the seconds of each column")
-    parser.add_argument("--write", action="store_true", help="write the failing cells to known.txt")
     parser.add_argument("--plain", metavar="FILE", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     os.environ["NABLAHOG_CACHE_SIZE"] = "0"
@@ -64,8 +62,6 @@ def main() -> int:
     if asked.plain:
         write_plain_results(asked.plain)
         return 0
-    if asked.write and (asked.rows or asked.columns):
-        parser.error("--write needs the whole table")
     rows = [row for row in ROWS.values() if row.name.startswith(asked.rows)]
     columns = [column for column in COLUMNS.values() if column.name.startswith(asked.columns)]
     table: dict[tuple[str, str], Cell] = {}
@@ -77,8 +73,6 @@ def main() -> int:
     for (row, column), cell in table.items():
         if (cell.state == "failing" and asked.failing) or (cell.state == "refused" and asked.refused):
             print(f"{cell.state}: {row} | {column} | {cell.where} | {cell.detail}")
-    if asked.write:
-        write_failures(cell for cell in table if table[cell].state == "failing")
     if asked.times:
         print(seconds)
     show(table, rows, columns)

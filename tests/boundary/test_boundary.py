@@ -1,4 +1,4 @@
-"""Each cell of the table is equal to the plain result or refused with a remedy, but for those in ``known.txt``."""
+"""Each cell of the table is equal to the plain result or refused with a remedy."""
 
 from __future__ import annotations
 
@@ -9,26 +9,16 @@ import nablahog
 
 from .columns import COLUMNS
 from .columns.plain import DESCRIPTOR, SIZE
-from .known import known_failures
 from .rows import ROWS
 from .table import Column, Row, Use, numbers, plain_result, run_cell
-
-KNOWN = known_failures()
 
 
 @pytest.mark.parametrize("row", ROWS.values(), ids=lambda row: row.name)
 def test_row(row: Row) -> None:
     cells = {name: run_cell(row, column) for name, column in COLUMNS.items() if column.takes(row)}
     assert cells, "no column takes this kind"
-    failing = {name: cell for name, cell in cells.items() if cell.state == "failing"}
-    new = [f"{name}: {cell.detail} {cell.where}" for name, cell in failing.items() if (row.name, name) not in KNOWN]
-    assert not new, "\n".join(new)
-    repaired = [name for name in cells if (row.name, name) in KNOWN and name not in failing]
-    assert not repaired, f"repaired, so delete the row from known.txt: {', '.join(repaired)}"
-
-
-def test_known_failures_are_cells() -> None:
-    assert not [cell for cell in KNOWN if cell[0] not in ROWS or cell[1] not in COLUMNS]
+    failing = [f"{name}: {cell.detail} {cell.where}" for name, cell in cells.items() if cell.state == "failing"]
+    assert not failing, "\n".join(failing)
 
 
 def test_every_column_has_a_plain_result() -> None:

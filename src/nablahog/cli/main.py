@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import NoReturn, TextIO
 
 from ..requests.options import integer
-from ..runtime.extras import install_command
+from ..runtime.extras import INSTALL_COMMANDS
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from .arguments import options
 from .arguments.options import Parser
@@ -71,7 +71,7 @@ def app(commands: argparse._SubParsersAction[Parser]) -> None:
         help="a page in the browser to see, invert and fit",
         description="Starts a page on this machine: see the HOG of a photograph, watch its pre-image grow, turn a "
         "model until it fits. Nothing leaves the machine. Needs some packages: "
-        f"{install_command('app')}.",
+        f"{INSTALL_COMMANDS['app']}.",
     )
     command.add_argument("photos", nargs="*", metavar="PHOTO", help="photographs to begin with")
     options.add(command, "--port", integer(0, LAST_PORT), "port of the page; 0 takes a free one", PORT)

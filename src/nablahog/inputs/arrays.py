@@ -191,11 +191,13 @@ def as_descriptors(name: str, descriptor: object) -> tuple[Tensor, bool]:
     can be written to.
 
     Raises:
-        TypeError: it is neither a dense tensor nor an array of real numbers.
+        TypeError: it is neither a dense tensor nor an array, or its numbers are not real.
         ValueError: it is an array that masks some entries.
     """
     if isinstance(descriptor, Tensor):
         check_dense(name, descriptor)
+        if descriptor.is_complex():
+            raise TypeError(f"{name} must hold real numbers, got {descriptor.dtype}: write descriptor.real")
         return descriptor, False
     if not isinstance(descriptor, np.ndarray):
         came = describe_type(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)

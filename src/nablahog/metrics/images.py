@@ -21,7 +21,7 @@ from ..inputs.arrays import as_gray
 from ..inputs.numbers import as_integer
 
 Image: TypeAlias = Tensor | ArrayLike
-GRAY_BINS = 256
+GRAY_BINS, MOST_BINS = 256, 4096
 SSIM_WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
 
 DEFINITIONS = {
@@ -86,7 +86,7 @@ def mutual_information(a: Image, b: Image, bins: int = GRAY_BINS) -> float:
 
     Args:
         a, b: (H, W), in 0…1 or uint8.
-        bins: number of bins for each image, at least 1.
+        bins: number of bins for each image, 1…4096.
 
     Returns:
         In 0…log2(bins).
@@ -101,7 +101,7 @@ def mutual_information(a: Image, b: Image, bins: int = GRAY_BINS) -> float:
     1.0
     """
     first, second = _read_pair(a, b)
-    bins = as_integer("bins", bins)
+    bins = as_integer("bins", bins, most=MOST_BINS)
     joint, _, _ = np.histogram2d(first.ravel(), second.ravel(), bins=bins, range=((0, 1), (0, 1)))
     shares = (counts[counts > 0] / counts.sum() for counts in (joint.sum(1), joint.sum(0), joint))
     entropy_a, entropy_b, entropy_ab = (float(-(p * np.log2(p)).sum()) for p in shares)

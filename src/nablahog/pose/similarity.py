@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias, TypeVar
 
 import torch
@@ -40,6 +41,7 @@ def describe(images: Tensor, spec: HOGSpec) -> Tensor:
     return normalize(histograms(images, spec), spec)
 
 
+@lru_cache(maxsize=8)
 def coarse_background(own: Background | None = None) -> tuple[Background, int]:
     """The background of the coarse search, by default that of :func:`.pose_spec`, and how much the crop is shrunk."""
     return (own, 1) if own is not None else (default_background(pose_spec(COARSE_CELL // _SHRINK)), _SHRINK)

@@ -22,9 +22,8 @@ class MissingExtra(ModuleNotFoundError, ValueError):
     """A package of an extra is not installed; the message says how to install it."""
 
 
-def install_command(name: str) -> str:
-    """What installs an extra, also where this package is not published; the pages say the same."""
-    return f"pip install {PACKAGES[name]}"
+INSTALL_COMMANDS = {name: f"pip install {packages}" for name, packages in PACKAGES.items()}
+"""What installs each extra, also where this package is not published; the pages say the same."""
 
 
 @contextmanager
@@ -35,4 +34,4 @@ def extra(name: str, use: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("nablahog"):
             raise
-        raise MissingExtra(f"{use} needs {error.name}: {install_command(name)}", name=error.name) from None
+        raise MissingExtra(f"{use} needs {error.name}: {INSTALL_COMMANDS[name]}", name=error.name) from None

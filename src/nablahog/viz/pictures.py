@@ -19,7 +19,7 @@ from ..inputs.numbers import as_integer
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode
 
-GLYPH_PIXELS = 16  # height of a cell of glyphs
+GLYPH_PIXELS, MOST_PIXELS = 16, 1024  # height of a cell of glyphs, and the most of it
 STRIP_PIXELS = 2**21  # that are drawn at once, in float64
 RED = (1.0, 0.15, 0.1)
 
@@ -86,7 +86,8 @@ def glyphs(descriptor: Picture, spec: HOGSpec | str, cell_pixels: int = GLYPH_PI
         descriptor, and where cells are left out.
 
     Raises:
-        ValueError: the spec has no descriptor of that shape; ``cell_pixels`` is below 1; or there is no such preset.
+        ValueError: the spec has no descriptor of that shape; ``cell_pixels`` is not in 1…1024; or there is no such
+            preset.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(np.eye(64, 48, dtype=np.float32), spec)
@@ -112,7 +113,7 @@ def _votes_and_strokes(
     descriptor: Picture, spec: HOGSpec, cell_pixels: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The votes (rows, cols, n) in 0…1 and the strokes (n, height, width) of a cell in the picture."""
-    cell_pixels = as_integer("cell_pixels", cell_pixels)
+    cell_pixels = as_integer("cell_pixels", cell_pixels, most=MOST_PIXELS)
     votes, angles = edge_votes(descriptor, spec)
     strongest = votes.max(axis=2, initial=0.0)
     if strongest.any():

@@ -34,7 +34,7 @@ def scalars(kind: Kind, of: type) -> list[Row]:
     forms: dict[str, Callable[[Any], Any]] = {
         "np.int64": np.int64,
         "np.int32": np.int32,
-        "np.uint8": np.uint8,
+        "np.uint16": np.uint16,
         "array ()": np.array,
         "tensor int64": lambda n: TENSOR(int(n)),
     }

@@ -172,9 +172,11 @@ _CELLS_ALONE = Engine(NativeCells)
 def find_loops(spec: HOGSpec) -> Engine:
     """The steps of a dialect that have loops."""
     smoothed_border = spec.mask == "sobel" and spec.border not in ("reflect", "ignore")
-    if smoothed_border or not native.available():
+    if smoothed_border:
         return REFERENCE
-    return NATIVE_ENGINE if has_normalizer(spec.normalizer.kind) else _CELLS_ALONE
+    if has_normalizer(spec.normalizer.kind):
+        return NATIVE_ENGINE
+    return _CELLS_ALONE if native.available() else REFERENCE
 
 
 def supports(spec: HOGSpec) -> bool:

@@ -35,8 +35,8 @@ def _find_normalizer(kind: str) -> bool:
 
 
 def has_normalizer(kind: str) -> bool:
-    """Whether there are compiled loops of a kind of normaliser."""
-    return native.available() and _find_normalizer(kind)
+    """Whether there are compiled loops, of a kind of normaliser, too."""
+    return native.library() is not None and _find_normalizer(kind)
 
 
 has_normalizer._dynamo_marked_constant = True  # type: ignore[attr-defined]  # as native.available

@@ -14,7 +14,7 @@ from typing import Any
 
 import torch
 
-from ...runtime.extras import install_command
+from ...runtime.extras import INSTALL_COMMANDS
 
 LEAST_CAPABILITY = 7, 0
 """The oldest GPUs that Triton compiles for."""
@@ -34,7 +34,7 @@ def _any_gpu() -> bool:
 def _missing(device: torch.device) -> str:
     """Why there are no kernels for a device; nothing if there are."""
     if find_spec("triton") is None:
-        return f"Triton is not installed: {install_command('gpu')}"
+        return f"Triton is not installed: {INSTALL_COMMANDS['gpu']}"
     if device.type == "cuda" and torch.version.hip is None:
         capability = torch.cuda.get_device_capability(device)
         if capability < LEAST_CAPABILITY:
