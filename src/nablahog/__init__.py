@@ -2,7 +2,7 @@
 
 Describe images      ``hog``, ``HOG``, ``HOGLoss``, ``HOGSpec``, ``presets``, ``stream``, ``compat``
 Invert descriptors   ``reconstruct``, ``reconstruct_multiscale``, ``Reconstruction``, ``template_descriptor``,
-                     ``LearnedPrior``, ``train_prior``
+                     ``LearnedPrior``, ``train_prior``, ``which_hog``
 Render objects       ``render``, ``Renderer``, ``Mesh``, ``load_mesh``, ``Camera``, ``sample_chairs``
 Find their poses     ``estimate_pose``, ``PoseEstimate``
 Look and measure     ``glyphs``, ``metrics``

@@ -16,6 +16,7 @@ from .invert import (
     reconstruct_multiscale as reconstruct_multiscale,
     template_descriptor as template_descriptor,
     train_prior as train_prior,
+    which_hog as which_hog,
 )
 from .io import load_descriptor as load_descriptor, save_descriptor as save_descriptor
 from .pose import PoseEstimate as PoseEstimate, estimate_pose as estimate_pose

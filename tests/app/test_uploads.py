@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from skimage.data import camera
 from starlette.testclient import TestClient
 
 from nablahog import hog, presets, save_descriptor
@@ -63,23 +64,29 @@ def _npy(array: np.ndarray) -> bytes:  # type: ignore[type-arg]
     return file.getvalue()
 
 
-def test_an_array_is_asked_about(client: TestClient) -> None:
-    array = hog(
-        np.random.default_rng(0).random((128, 64), dtype=np.float32),
-        presets.opencv(win_size=(64, 128)),
-        layout="native",
-    )
-    data = _npy(array)
+def test_an_array_is_asked_about_if_its_numbers_do_not_decide(client: TestClient) -> None:
+    image = camera()[100:228, 200:264]
+    array = hog(image, presets.opencv(), layout="native")
+    said = client.post("/api/descriptors?name=h.npy", content=_npy(array)).json()
+    assert (said["preset"], said["image_size"]) == ("opencv", [128, 64])
+    assert "0.995 … 0.999" in said["decided_by"]
+    data = _npy(hog(image, "paper"))
     asked = client.post("/api/descriptors?name=h.npy", content=data)
     assert asked.status_code == 422
     assert asked.json()["error"].startswith("h.npy: an array does not say which library it is from")
-    fitting = asked.json()["question"]["fitting"]
-    skimage = {"preset": "skimage", "settings": {"cells_per_block": "2x2"}, "image_size": [128, 64]}
-    opencv = {"preset": "opencv", "settings": {}, "image_size": None}
-    assert sorted(fitting, key=str) == sorted([skimage, opencv], key=str)
-    query = {"name": "h.npy", "image_size": "128x64", "preset": "opencv"}
-    said = client.post("/api/descriptors", params=query, content=data).json()
-    assert (said["preset"], said["image_size"]) == ("opencv", [128, 64])
+    paper = {"preset": "paper", "settings": {}, "image_size": None}
+    assert paper in asked.json()["question"]["fitting"]
+    said = client.post("/api/descriptors", params={"name": "h.npy", "preset": "paper"}, content=data).json()
+    assert (said["preset"], said["image_size"], said["decided_by"]) == ("paper", [128, 64], "")
+
+
+def test_the_rows_of_a_matrix_are_parts(client: TestClient) -> None:
+    images = camera()[100:228, 200:328].reshape(128, 2, 64).swapaxes(0, 1)
+    data = _npy(np.stack([hog(image, presets.opencv(), layout="native") for image in images]))
+    said = client.post("/api/descriptors?name=h.npy", content=data).json()
+    assert [part["name"] for part in said["parts"]] == ["row 0", "row 1"]
+    seen = client.post("/api/hog", json={"descriptor": said["parts"][1]["id"]}).json()
+    assert "--row 1" in seen["snippets"]["command"]
 
 
 def test_an_archive_of_several_arrays_is_asked_about(client: TestClient) -> None:

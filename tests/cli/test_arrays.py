@@ -87,10 +87,30 @@ def test_pickles_are_answered_with_the_line_that_saves_their_weights(
     assert not (tmp_path / "gone off").exists()
 
 
+def test_a_matrix(
+    tmp_path: Path, array: NDArray[np.float32], refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = str(tmp_path / "d.npy"), str(tmp_path / "out")
+    np.save(path, np.stack([array.ravel(), array[:, ::-1].ravel()]))
+    asked = ["glyph", path, "--preset", "vlfeat", "--image-size", "48x64"]
+    assert main([*asked, "-o", out]) == 0
+    assert sorted(os.listdir(out)) == ["d_000000_glyphs.png", "d_000001_glyphs.png"]
+    assert main([*asked, "--row", "1", "-o", str(tmp_path / "g.png")]) == 0
+    assert (read_image(tmp_path / "g.png") == read_image(Path(out) / "d_000001_glyphs.png")).all()
+    refused(*asked, "--row", "2", "-o", out, message="a row 2, counted from 0")
+
+
+def test_what_decides_is_said(tmp_path: Path, array: NDArray[np.float32], capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "d.npy", array)
+    assert main(["glyph", str(tmp_path / "d.npy"), "-o", str(tmp_path / "g.png")]) == 0
+    assert "--preset vlfeat, because " in capsys.readouterr().err
+
+
 def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused: Callable[..., None]) -> None:
     path, out = str(tmp_path / "d.npy"), ["-o", str(tmp_path / "out")]
     np.save(path, array)
-    refused("invert", path, *out, message="it is --preset vlfeat (0.0")
+    np.save(tmp_path / "nine.npy", array[:9])
+    refused("invert", str(tmp_path / "nine.npy"), *out, message="its numbers do not decide: expected")
     preset = ["--preset", "vlfeat"]
     refused("invert", path, *out, *preset, "--key", "a", message="a .npy file holds one array")
     refused("invert", path, *out, *preset, "--image-size", "0x64", message="got (0, 64)", status=2)

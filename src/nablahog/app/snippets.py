@@ -56,7 +56,9 @@ def write_array_reading(
     name: str, array: NDArray[np.floating], source: Source, request: GlyphRequest, *, template: bool
 ) -> Reading:
     """The reading of another library's array, read as ``source``; a bias may follow a template's weights."""
-    size, spec = source.image_size, source.spec
+    size, spec, row = source.image_size, source.spec, ""
+    if request.row is not None:
+        array, row = array[request.row], f"[{request.row}]"
     shapes = (array.shape, (array.size,), (array.size - 1,))
     layouts = (find_layout(shape, spec, size) for shape in shapes)
     how = next(layout for layout in layouts if layout is not None)
@@ -68,7 +70,7 @@ def write_array_reading(
     python = (
         "import nablahog" if laid_out == "spec" else "import dataclasses, nablahog",
         "from nablahog.io.arrays import read_array",
-        f"array = read_array({name!r}, {request.key!r}){cut}{folded}{single}",
+        f"array = read_array({name!r}, {request.key!r}){row}{cut}{folded}{single}",
         f"spec = {request.python if request.preset else f'nablahog.HOGSpec.from_json({spec.to_json()!r})'}",
         f"size = {size}  # height, width",
         f"{'weights' if template else 'descriptor'} = nablahog.from_layout(array, {laid_out}, size)",

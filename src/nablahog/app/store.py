@@ -10,7 +10,7 @@ import io
 import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -40,6 +40,7 @@ MOST_SMALLER_SIZES = 4  # of a photograph, in memory
 MOST_PIXELS = 24_000_000  # in a photograph
 MOST_NUMBERS = 2**24  # in a descriptor
 MOST_CELLS = 2**14  # in a descriptor, that the page can draw
+MOST_PARTS = 64  # descriptors of one matrix
 ARRAYS = (".npy", ".npz", ".mat")
 
 
@@ -231,7 +232,7 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
     if file.ending not in ARRAYS:
         expected = ", ".join(ARRAYS)
         raise RequestError(422, f"{name}: expected a descriptor ({expected}), got the ending {file.ending!r}")
-    template = query.get("as") == "template"
+    template, decided_by = query.get("as") == "template", ""
     with as_request_error():
         asked = GlyphRequest(
             preset=query.get("preset") or None,
@@ -242,8 +243,7 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
         if template:
             sources = read_templates(file, asked)
         else:
-            stored = read_stored(file, asked) if is_raw(file) else load_descriptor(file)
-            sources = [from_stored(file.name, "", stored)]
+            sources, asked, decided_by = _descriptors(file, asked)
         readings = _readings(file, sources, asked, template)
     parts = []
     for source, reading in zip(sources, readings, strict=True):
@@ -262,7 +262,22 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
         "shape": list(first.descriptor.shape),
         "preset": first.spec.name,
         "image_size": list(first.image_size),
+        "decided_by": decided_by,
     }
+
+
+def _descriptors(file: InputFile, request: GlyphRequest) -> tuple[list[Source], GlyphRequest, str]:
+    """The descriptors in a file, those of a matrix as parts; the request that reads them; what decided it."""
+    if not is_raw(file):
+        return [from_stored(file.name, "", load_descriptor(file))], request, ""
+    found = read_stored(file, request)
+    if len(found) > MOST_PARTS:
+        raise RequestError(413, f"{file}: expected at most {MOST_PARTS} descriptors, got {len(found)}")
+    rows = [f"row {each.request.row}" if len(found) > 1 else "" for each in found]
+    sources = [
+        replace(from_stored(file.name, "", each.stored), part=row) for each, row in zip(found, rows, strict=True)
+    ]
+    return sources, found[0].request, found[0].decided_by
 
 
 def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, template: bool) -> list[Reading]:
@@ -272,7 +287,12 @@ def _readings(file: InputFile, sources: list[Source], request: GlyphRequest, tem
     if not is_raw(file):
         return [write_file_reading(file.name)]
     array = read_array(file, request.key)
-    return [write_array_reading(file.name, array, source, request, template=template) for source in sources]
+    if len(sources) == 1:
+        return [write_array_reading(file.name, array, sources[0], request, template=template)]
+    return [
+        write_array_reading(file.name, array, source, replace(request, row=row), template=template)
+        for row, source in enumerate(sources)
+    ]
 
 
 def store_mesh(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -17,11 +16,10 @@ from ..runtime.errors import InputError
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 
 if TYPE_CHECKING:
-    from ..requests.arrays import FittingPreset
+    from ..requests.arrays import Suggestion
 
 SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
-CLEARLY = 2.0  # a dialect whose normaliser is this many times as near as the next one is the descriptor's
 _REMEDIES = {
     "array": ": --key NAME chooses one",
     "image size": ": expected --image-size HxW",
@@ -46,32 +44,25 @@ def word_error(error: Exception) -> str:
     """The sentence of an error, with the options that help."""
     if not isinstance(error, InputError):
         return name_options(str(error))
-    fitting = error.facts.get("fitting", [])
-    if error.about == "preset" and len(fitting) > 1 and not fitting[0].is_detector:
-        return f"{error}{_likeliest(fitting)}"
-    return f"{error}{_REMEDIES.get(error.about, '')}{_that_fit(fitting)}"
+    suggestions = error.facts.get("fitting", [])
+    if error.about in ("preset", "image size") and suggestions and not suggestions[0].is_detector:
+        return f"{error}{_undecided(suggestions)}"
+    return f"{error}{_REMEDIES.get(error.about, '')}{_that_fit(suggestions)}"
 
 
-def _that_fit(fitting: Sequence[FittingPreset]) -> str:
-    """Presets that fit an array, as options."""
-    asked = ", or ".join(_asking_for(each) for each in fitting)
-    if fitting and fitting[0].is_detector:
-        return f"; with --template, a detector's weights and bias would fit {asked}"
-    return f"; this fits {asked}" if fitting else ""
+def _that_fit(suggestions: Sequence[Suggestion]) -> str:
+    """What fits an array, as options."""
+    if suggestions and suggestions[0].is_detector:
+        return f"; with --template, a detector's weights and bias would fit {_as_options(suggestions)}"
+    return f"; this fits {_as_options(suggestions)}" if suggestions else ""
 
 
-def _likeliest(fitting: Sequence[FittingPreset]) -> str:
-    """Presets that fit an array, the likeliest first: that of which an image comes nearest to the descriptor."""
-    first, second, *_ = (each.error for each in fitting)
-    asked = [_asking_for(each) + ("" if math.isinf(each.error) else f" ({each.error:.3f})") for each in fitting]
-    if CLEARLY * first <= second < math.inf:
-        return f"; by the error of its normalisation it is {asked[0]}, and not {', or '.join(asked[1:])}"
-    unclear = "" if math.isinf(first) else ", and the error of its normalisation does not tell"
-    return f"; its shape fits several{unclear}: expected {', or '.join(asked)}"
+def _undecided(suggestions: Sequence[Suggestion]) -> str:
+    return f", and its numbers do not decide: expected, the likeliest first, {_as_options(suggestions)}"
 
 
-def _asking_for(preset: FittingPreset) -> str:
-    return " ".join(words(preset.request, GlyphRequest))
+def _as_options(suggestions: Sequence[Suggestion]) -> str:
+    return ", or ".join(" ".join(words(each.request, GlyphRequest)) for each in suggestions)
 
 
 class Skipping:

@@ -22,6 +22,7 @@ from ..io.pixels import MAX_IMAGE_BYTES
 from ..requests.arrays import read_stored
 from ..requests.dialect import Dialect
 from ..requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
+from ..requests.options import words
 from ..requests.sources import STDIN, Source, from_photo, from_stored
 from ..requests.templates import OPENCV_ENDINGS, read_templates
 from ..runtime.extras import extra
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from ..io.descriptor_dataset import DescriptorDataset
 
 DATASET = ".parquet"
+ARRAY_OPTIONS = ("image_size", "key", "row")  # of requests, about arrays of other libraries
 SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
 ROWS_IN_MEMORY = 1000  # of a data set, at a time
 ROW_BYTES = 1 << 28  # of their descriptors
@@ -94,7 +96,8 @@ class Inputs:
     """The inputs of a command: files, or :data:`STDIN`, and what is read.
 
     Attributes:
-        many: whether results go to a folder: those of several inputs, of a folder, or of a pattern, even for one file.
+        many: whether results go to a folder: those of several inputs, of a folder or pattern, even for one file, or of
+            the rows of a matrix.
         sources: of files, each read when it is its turn, once: descriptors of many photographs may not fit in memory.
         datasets: their rows are read when needed.
     """
@@ -158,19 +161,24 @@ def read_inputs(
     reader = _Reader(request)
 
     def read(file: InputFile, stem: str) -> list[Source]:
-        source = reader.read(file, stem)
-        check(source)
-        return [source if keep_photos else replace(source, photo=None)]
+        sources = reader.read(file, stem)
+        for source in sources:
+            check(source)
+        return [source if keep_photos else replace(source, photo=None) for source in sources]
 
     def read_all() -> Iterator[Source]:
-        array_option = next((name for name in ("image_size", "key") if getattr(request, name, None) is not None), None)
+        array_option = next((name for name in ARRAY_OPTIONS if getattr(request, name, None) is not None), None)
         found = read_files(expanded, read)
         yield from found if array_option is None else _with_array(found, reader, array_option)
         if reader.shrunk:
             which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
             inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
 
-    return replace(expanded, many=expanded.many or bool(data), sources=read_all(), datasets=data)
+    many, sources = expanded.many or bool(data), read_all()
+    if not many and isinstance(request, GlyphRequest):  # one file, which may hold a matrix
+        found = list(sources)
+        many, sources = len(found) > 1, iter(found)
+    return replace(expanded, many=many, sources=sources, datasets=data)
 
 
 def read_files(expanded: Inputs, read: Callable[[InputFile, str], list[Source]]) -> Iterator[Source]:
@@ -211,19 +219,19 @@ class _Reader:
     arrays: int = 0
     shrunk: int = 0
 
-    def read(self, file: InputFile, stem: str) -> Source:
+    def read(self, file: InputFile, stem: str) -> list[Source]:
         request = self.request
         refuse_pickle(file)
         if isinstance(request, GlyphRequest) and is_raw(file):
             if is_dpm_file(file):
                 raise ValueError(f"{file}: expected a descriptor, got a detector: see `nablahog invert --template`")
             self.arrays += 1
-            return from_stored(file.name, stem, read_stored(file, request))
+            return self._read_array(file, stem, request)
         if is_archive(file):
             stored = load_descriptor(file)
             with naming(file):
                 request.check(stored.spec)
-            return from_stored(file.name, stem, stored)
+            return [from_stored(file.name, stem, stored)]
         try:
             photo = read_image(file, request.size)
         except ValueError as error:
@@ -232,7 +240,21 @@ class _Reader:
             raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE
-        return from_photo(file.name, stem, photo, request.spec, size=request.size, shrunk=shrunk)
+        return [from_photo(file.name, stem, photo, request.spec, size=request.size, shrunk=shrunk)]
+
+    @staticmethod
+    def _read_array(file: InputFile, stem: str, request: GlyphRequest) -> list[Source]:
+        """The descriptors in an array, one or those of its rows; a line on stderr says what decided which they are."""
+        found = read_stored(file, request)
+        if found[0].decided_by:
+            asked = " ".join(words(replace(found[0].request, row=None), GlyphRequest))
+            inform(f"{file}: {asked}, because {found[0].decided_by}")
+        sources = []
+        for each in found:
+            row = each.request.row
+            source = from_stored(file.name, stem if row is None else f"{stem}_{row:06d}", each.stored)
+            sources.append(source if row is None else replace(source, part=f"row {row}"))
+        return sources
 
 
 def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:

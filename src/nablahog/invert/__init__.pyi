@@ -8,3 +8,4 @@ from .reconstruction import Iterate as Iterate, Reconstruction as Reconstruction
 from .samples import Samples as Samples, reconstruct_samples as reconstruct_samples
 from .scales import scale_descriptors as scale_descriptors
 from .template import reconstruct_template as reconstruct_template, template_descriptor as template_descriptor
+from .which import Candidate as Candidate, WhichHOG as WhichHOG, which_hog as which_hog

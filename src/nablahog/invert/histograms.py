@@ -18,7 +18,8 @@ from torch import Tensor
 
 from ..hog.descriptor import normalize
 from ..hog.entries import CellAlignment, cell_entries, fill_from_nearest, mean_over_colours
-from ..hog.normalizers.four_block import DPM_TEXTURE, VLFEAT_TEXTURE, FourBlockNorm, in_dpm_order
+from ..hog.normalizers.four_block import FourBlockNorm
+from ..hog.normalizers.unclip import TINY_RATIO, solve_clipped, sum_over_blocks, unclip
 from ..hog.orientation import bin_angles
 from ..hog.spec import HOGSpec
 from ..hog.steps import pooling_axes, split_colours
@@ -33,10 +34,8 @@ _MAX_VOTE_RATIO = 20.0  # times the largest vote of a cell at the start, the mos
 ENTRY_FLOOR = 1e-3  # added to entries, relative to the largest, so that the logarithm of 0 is finite
 
 BLOCK_ROUNDS = 4  # in each, ratios are found for fixed shares, then shares for fixed ratios
-NEWTON_STEPS = 5  # of Newton's method
 LEVEL_ITERATIONS, LEVEL_ACCURACY = 12, 1e-8  # of conjugate gradients; more iterations make no difference
 LEAST_ENTRY = 1e-3  # lower limit of entries, relative to the largest of their cell, so that logarithms are finite
-TINY_RATIO = 1e-6
 
 
 def linear_vote_spec(spec: HOGSpec) -> HOGSpec:
@@ -161,34 +160,15 @@ def histograms_without_clip(descriptor: Tensor, spec: HOGSpec) -> Tensor | None:
     summed = parts.get("undirected" if vlfeat else "directed")
     if summed is None or "texture" not in parts:
         return None
-    texture = parts["texture"] if vlfeat else torch.stack(in_dpm_order(parts["texture"].unbind(1)), dim=1)
-    totals = (texture / (VLFEAT_TEXTURE if vlfeat else DPM_TEXTURE)).unsqueeze(2)  # (B, 4, 1, rows, cols)
-    shares = summed.unsqueeze(1)  # (B, 1, n, rows, cols), of the cell's level
-    for _ in range(BLOCK_ROUNDS):
-        shares = shares / shares.sum(dim=2, keepdim=True).clamp(min=TINY_RATIO)
-        ratios, known = _solve_clipped(shares, totals, normalizer.clip, dim=2)  # h / N by block: (B, 4, 1, rows, cols)
-        shares, _ = _solve_clipped(ratios, 2 * summed.unsqueeze(1), normalizer.clip, dim=1)
+    totals = normalizer.texture_sums(parts["texture"])
+    shares, ratios, known = unclip(summed, totals, normalizer.clip, BLOCK_ROUNDS)
     if "directed" in parts and vlfeat:
-        shares, _ = _solve_clipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
-    known &= totals > TINY_RATIO
+        shares, _ = solve_clipped(ratios, 2 * parts["directed"].unsqueeze(1), normalizer.clip, dim=1)
+    known &= totals.unsqueeze(2) > TINY_RATIO
     levels = _solve_levels(ratios.double().clamp(min=TINY_RATIO).log().squeeze(2), known.squeeze(2).double())
     shares = shares.squeeze(1)
     floor = LEAST_ENTRY * shares.amax(dim=1, keepdim=True)
     return shares.clamp(min=floor) * torch.exp(levels).to(shares)
-
-
-def _solve_clipped(weights: Tensor, totals: Tensor, clip: float, dim: int) -> tuple[Tensor, Tensor]:
-    """x with Σ min(weights · x, clip) = totals over a dimension, and where it is determined.
-
-    The sum is concave and piecewise linear in x, so Newton's method reaches x from below, from 0.
-    """
-    x = torch.zeros_like(totals)
-    slopes = weights.sum(dim, keepdim=True).expand_as(x)
-    for _ in range(NEWTON_STEPS):
-        remainder = totals - (weights * x).clamp(max=clip).sum(dim, keepdim=True)
-        x = torch.where(slopes > TINY_RATIO, x + remainder / slopes.clamp(min=TINY_RATIO), x)
-        slopes = torch.where(weights * x < clip, weights, 0).sum(dim, keepdim=True)
-    return x, slopes > TINY_RATIO
 
 
 def _solve_levels(ratios: Tensor, known: Tensor) -> Tensor:
@@ -197,11 +177,11 @@ def _solve_levels(ratios: Tensor, known: Tensor) -> Tensor:
     Least squares, where ``known`` is 1, over the levels of cells and of blocks.  Those of blocks are means, which
     leaves equations for those of cells; if all ratios are known, the cosine basis solves them.
     """
-    blocks = _to_blocks(known).clamp(min=TINY_RATIO)
+    blocks = sum_over_blocks(known).clamp(min=TINY_RATIO)
 
     def subtract_block_means(cell_ratios: Tensor) -> Tensor:
         """Σ over its blocks of a cell's difference from the mean of the block: (B, 4, rows, cols) to (B, 1, …)."""
-        means = _from_blocks(_to_blocks(known * cell_ratios) / blocks)
+        means = _from_blocks(sum_over_blocks(known * cell_ratios) / blocks)
         return (known * (cell_ratios - means)).sum(dim=1, keepdim=True)
 
     rows, cols = (torch.cos(math.pi * torch.arange(n, dtype=torch.float64) / (2 * n)) ** 2 for n in ratios.shape[2:])
@@ -220,15 +200,6 @@ def _solve_levels(ratios: Tensor, known: Tensor) -> Tensor:
         error = (residual * solved).sum(dim=(1, 2, 3), keepdim=True)
         direction = solved + torch.where(runs, error / before, 0) * direction
     return levels - levels.mean(dim=(2, 3), keepdim=True)
-
-
-def _to_blocks(cell_ratios: Tensor) -> Tensor:
-    """Sums over the cells of each block: (B, 4, rows, cols), by up-left … down-right, to (B, 1, rows + 1, cols + 1)."""
-    batch, _, rows, cols = cell_ratios.shape
-    blocks = cell_ratios.new_zeros(batch, rows + 1, cols + 1)
-    for k, (down, right) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
-        blocks[:, down : down + rows, right : right + cols] += cell_ratios[:, k]
-    return blocks.unsqueeze(1)
 
 
 def _from_blocks(blocks: Tensor) -> Tensor:

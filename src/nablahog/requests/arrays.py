@@ -1,39 +1,101 @@
-"""Arrays of other libraries: which descriptor an array is, and the presets that fit it."""
+"""Arrays of other libraries: which descriptors an array holds, and the presets that fit it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..hog import HOGSpec
+from ..invert.which import Candidate, WhichHOG, fit_shape, which_hog
 from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
-from .dialect import PRESETS, as_text, opencv_window_size
+from .dialect import PRESETS, Dialect, as_text, opencv_window_size, other_defaults, preset_defaults
 from .inversion import GlyphRequest
 
 Size: TypeAlias = tuple[int, int]
 
-GUESSED_IMAGE_SIZES = ((64, 64), (128, 64), (128, 128), (32, 32), (96, 96), (28, 28), (96, 48), (256, 256))
-"""(height, width) of images to try for an array in one row, which does not tell the size."""
-SKIMAGE_BLOCK_SIZES = ("2x2", "1x1")  # cells of scikit-image's blocks, beside the default
-MOST_COMPARED_CELLS = 2**12  # cells of a descriptor whose normalisation is compared with that of each dialect that fits
+MOST_SUGGESTED = 6
 
 
-def read_stored(path: Readable, request: GlyphRequest) -> StoredDescriptor:
-    """The descriptor in a .npy, .npz or .mat file; InputError if the request does not say which it is."""
+@dataclass(frozen=True)
+class ArrayDescriptor:
+    """A descriptor in an array, the request that reads it, and what tells that it is one, if nobody said so."""
+
+    stored: StoredDescriptor
+    request: GlyphRequest
+    decided_by: str = ""
+
+
+def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
+    """The descriptors in a .npy, .npz or .mat file, one or those in its rows; InputError if nothing says which."""
     array = read_array(path, request.key)
     with naming(path):
-        with suggesting(array, request.image_size):
-            spec, how = fit_array(array.shape, request)
-        return to_descriptor(array, spec, how)
+        if request.row is not None and (array.ndim != 2 or request.row >= len(array)):
+            raise ValueError(f"expected a matrix with a row {request.row}, counted from 0, got shape {array.shape}")
+        with suggesting(array, request):
+            request, how, decided_by = identify(array, request)
+        if math.prod(how.shape) == array.size:
+            return [ArrayDescriptor(to_descriptor(array, request.spec, how), request, decided_by)]
+        rows = range(len(array)) if request.row is None else [request.row]
+        return [
+            ArrayDescriptor(to_descriptor(array[row], request.spec, how), replace(request, row=row), decided_by)
+            for row in rows
+        ]
+
+
+def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphRequest, FittedLayout, str]:
+    """A request that says all, the layout of each descriptor, and the check that decided what was not asked for."""
+    if request.preset is not None:
+        by_rows = array.shape[1:] if request.row is not None else array.shape
+        try:
+            return request, fit_array(by_rows, request)[1], ""
+        except ValueError as error:
+            refusal = error
+        if array.ndim == 2:
+            with suppress(ValueError):
+                return request, fit_array(array.shape[1:], request)[1], ""
+    else:
+        refusal = InputError("an array does not say which library it is from", "preset")
+    found = _which(array, request)
+    if not found.decided_by:
+        raise refusal
+    first = found.candidates[0]
+    return complete(request, first, array.shape), first.how, found.decided_by
+
+
+def _which(array: NDArray[np.floating], request: GlyphRequest) -> WhichHOG:
+    vectors = array if request.row is None or array.ndim != 2 else array[request.row : request.row + 1]
+    return which_hog(vectors, request.image_size, dialects=_dialects(request))
+
+
+def _dialects(request: GlyphRequest) -> dict[str, Mapping[str, Any]]:
+    """The presets that were asked for, or all that have the parameters that are set, with these."""
+    dialects: dict[str, Mapping[str, Any]] = {}
+    for name in [request.preset] if request.preset else PRESETS:
+        with suppress(ValueError):
+            parameters = Dialect(preset=name, settings=request.settings).parameters()
+            dialects[name] = {**other_defaults(name), **parameters}
+    return dialects
+
+
+def complete(request: GlyphRequest, candidate: Candidate, shape: tuple[int, ...]) -> GlyphRequest:
+    """The request with what a candidate adds to it, in as few words as say it."""
+    defaults = preset_defaults(candidate.preset)
+    settings = {key: as_text(value) for key, value in candidate.parameters.items() if value != defaults[key]}
+    settings = {**settings, **request.settings}
+    untold = is_row(candidate.how.shape) or candidate.how.layout == "tokens"  # by rows and columns
+    size = candidate.image_size if untold and "win_size" not in settings else request.image_size
+    if candidate.preset == "opencv" and size == opencv_window_size("opencv", {}):
+        size = request.image_size
+    return replace(request, preset=candidate.preset, settings=settings, image_size=size)
 
 
 def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, FittedLayout]:
@@ -51,8 +113,6 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
         how = find_layout(shape, spec, known)
         if how is not None:
             return spec, how
-    if len(shape) > 1 and shape[0] > 1 and find_layout(shape[1:], spec, size or window) is not None:
-        raise ValueError(f"expected one descriptor in a file, got {shape[0]} of them: save each in its own")
     if is_row(shape):
         size = size or window
         if size is None:
@@ -64,89 +124,43 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
 
 
 @contextmanager
-def suggesting(array: NDArray[np.floating], image_size: Size | None) -> Iterator[None]:
-    """Turns a ValueError of the block into an InputError with the presets that fit the array, as ``fitting``."""
+def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[None]:
+    """Turns a ValueError of the block into an InputError with the requests that fit the array, as ``fitting``."""
     try:
         yield
     except ValueError as error:
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
-        facts = {"shape": array.shape, "fitting": likeliest(array, image_size)}
+        asked = request if about == "image size" else replace(request, preset=None, settings={})
+        facts = {"shape": array.shape, "fitting": suggest(array, asked)}
         raise InputError(str(error), about, facts) from None
 
 
 @dataclass(frozen=True)
-class FittingPreset:
-    """A preset with parameters of which an array can be a descriptor.
-
-    Attributes:
-        request: what to ask for; the image's size only if it must be told.
-        how: the layout in which the array is its descriptor.
-        error: the relative error of the dialect's normaliser; infinite if it was not computed.
-        is_detector: whether the array is a detector's weights, with a bias after them.
-    """
+class Suggestion:
+    """What to ask for, and whether the array is then a detector's weights, with a bias after them."""
 
     request: GlyphRequest
-    how: FittedLayout
-    error: float = math.inf
     is_detector: bool = False
 
 
-def likeliest(array: NDArray[np.floating], image_size: Size | None) -> list[FittingPreset]:
-    """The presets that fit an array, with the errors of their normalisers; the smallest first.
-
-    If there is none, those that fit the weights of a detector without the bias after them.
-    """
-    fitting = presets_that_fit(array.shape, image_size)
-    if not fitting and is_row(array.shape):
-        weights = presets_that_fit((array.size - 1,), image_size)
-        return [FittingPreset(preset.request, preset.how, is_detector=True) for preset in weights]
-    if len(fitting) > 1:
-        fitting = [FittingPreset(preset.request, preset.how, _error(preset, array)) for preset in fitting]
-    return sorted(fitting, key=lambda preset: preset.error)
-
-
-def _error(preset: FittingPreset, array: NDArray[np.floating]) -> float:
-    """The error of the normaliser; infinite if the descriptor is too large to check, or holds NaN or Inf."""
-    from ..invert.histograms import normalization_error
-
-    rows, cols = preset.request.spec.grid(*preset.how.image_size)
-    if rows * cols > MOST_COMPARED_CELLS:
-        return math.inf
-    try:
-        descriptor = to_descriptor(array, preset.request.spec, preset.how)
-    except ValueError:
-        return math.inf
-    error = normalization_error(descriptor.descriptor.float()[None], descriptor.spec, descriptor.image_size)
-    return float(error.nan_to_num(math.inf)[0])  # NaN where all is 0
+def suggest(array: NDArray[np.floating], request: GlyphRequest) -> list[Suggestion]:
+    """The requests that fit an array, the likeliest first; if there are none, those that fit a detector's weights."""
+    found = _which(array, request) if np.isfinite(array).all() else WhichHOG(())
+    if found.candidates:
+        likely = found.candidates[: found.likely or MOST_SUGGESTED]
+        return [Suggestion(each) for each in _distinct(complete(request, each, array.shape) for each in likely)]
+    if not is_row(array.shape):
+        return []
+    weights = fit_shape((array.size - 1,), request.image_size, _dialects(request))
+    vectors = (each for each in weights if each.spec.layout.endswith("vector"))
+    asked = _distinct(complete(request, each, (array.size - 1,)) for each in vectors)
+    return [Suggestion(each, is_detector=True) for each in asked]
 
 
-def presets_that_fit(shape: tuple[int, ...], image_size: Size | None) -> list[FittingPreset]:
-    """All presets of which an array of this shape is a descriptor, for an image of this size or, if none, a usual one.
-
-    Parameters are the defaults, but for the cells of scikit-image's blocks and the window of OpenCV.  Presets with the
-    array's layout come first.
-    """
-    fitting: list[FittingPreset] = []
-    guessed = image_size is None and is_row(shape)
-    for name in PRESETS:
-        blocks = tuple({"cells_per_block": cells} for cells in SKIMAGE_BLOCK_SIZES) if name == "skimage" else ()
-        for settings in ({}, *blocks):
-            for size in GUESSED_IMAGE_SIZES if guessed else (image_size,):
-                windows = name == "opencv" and size not in (None, opencv_window_size(name, {}))
-                chosen = {"win_size": as_text(size[::-1])} if windows and size else settings
-                with suppress(ValueError):  # some are not a window of OpenCV
-                    needed = size if guessed and name != "opencv" else None
-                    request = GlyphRequest(preset=name, settings=chosen, image_size=needed)
-                    how = _fit_own_layout(shape, request.spec, size)
-                    if how is not None:
-                        fitting.append(FittingPreset(request, how))
-    return sorted(fitting, key=lambda preset: preset.how.layout != preset.request.spec.layout)
-
-
-def _fit_own_layout(shape: tuple[int, ...], spec: HOGSpec, image_size: Size | None) -> FittedLayout | None:
-    """How an array of this shape is a descriptor as libraries return it, if it is one."""
-    how = find_layout(shape, spec, image_size)
-    if how is None or (is_row(shape) and not spec.layout.endswith("vector")):  # no other library returns one row
-        return None
-    blocks = spec.pooling.has_blocks  # of OpenCV, whose windows are whole strides
-    return how if not blocks or spec.image_size(*spec.grid(*how.image_size)) == how.image_size else None
+def _distinct(requests: Iterable[GlyphRequest]) -> list[GlyphRequest]:
+    """The first few that differ."""
+    different: list[GlyphRequest] = []
+    for request in requests:
+        if request not in different and len(different) < MOST_SUGGESTED:
+            different.append(request)
+    return different

@@ -38,10 +38,15 @@ def preset_parameters(name: str) -> dict[str, Any]:
     return {parameter: hints[parameter] for parameter in inspect.signature(PRESETS[name]).parameters}
 
 
+def other_defaults(name: str) -> dict[str, Any]:
+    """The parameters of a preset whose defaults on the command line are other than the preset's."""
+    return _OTHER_DEFAULTS.get(name, {})
+
+
 def preset_defaults(name: str) -> dict[str, Any]:
     """The parameters of a preset with their defaults on the command line."""
     parameters = inspect.signature(PRESETS[name]).parameters.values()
-    return {parameter.name: parameter.default for parameter in parameters} | _OTHER_DEFAULTS.get(name, {})
+    return {parameter.name: parameter.default for parameter in parameters} | other_defaults(name)
 
 
 def opencv_window_size(name: str, parameters: Mapping[str, Any]) -> tuple[int, int] | None:
@@ -150,7 +155,7 @@ class Dialect:
     @property
     def python(self) -> str:
         """The Python that makes the spec."""
-        parameters = {**_OTHER_DEFAULTS.get(self.name, {}), **self.parameters()}
+        parameters = {**other_defaults(self.name), **self.parameters()}
         return f"nablahog.presets.{self.name}({', '.join(f'{name}={value!r}' for name, value in parameters.items())})"
 
     def check(self, spec: HOGSpec) -> None:

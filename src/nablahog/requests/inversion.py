@@ -40,8 +40,9 @@ class GlyphRequest(HogRequest):
 
     size: int = option(LONGER_SIDE, _SHRINK, integer(0))
     image_size: tuple[int, int] | None = option(
-        None, "height x width of an array's image; required if the array is flat", SIZE
+        None, "height x width of an array's image; without it, what the numbers tell", SIZE
     )
+    row: int | None = option(None, "the row of a matrix of descriptors, counted from 0; all by default", integer(0))
     key: str | None = option(None, "name of the array, if the file holds several", TEXT)
 
 

@@ -50,7 +50,7 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
             for part in model.filters
         ]
     array = read_array(file, request.key)
-    with naming(file), suggesting(array, request.image_size):
+    with naming(file), suggesting(array, request):
         return [_from_array(file.name, array, request)]
 
 

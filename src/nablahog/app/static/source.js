@@ -9,7 +9,7 @@ import * as question from "./question.js";
 /**
  * @typedef {{kind: "photo"} & import("./types.js").PhotoInfo} PhotoSource
  * @typedef {{kind: "descriptor", id: string, whole: string, name: string, template: boolean,
- *   parts: import("./types.js").Named[]}} DescriptorSource id: of the part that is looked at
+ *   parts: import("./types.js").Named[], decided?: string}} DescriptorSource id: of the part that is looked at
  */
 
 const ARRAYS = /\.(npy|npz|mat)$/i;
@@ -122,7 +122,7 @@ export class SourceChooser extends EventTarget {
     const source = this.value;
     const photo = source?.kind === "photo" ? source : null, array = source?.kind === "descriptor" ? source : null;
     const size = photo?.width ? `, ${photo.width} × ${photo.height} pixels` : "";
-    const kind = photo ? "" : array?.template ? ", detector template" : ", descriptor";
+    const kind = photo ? "" : array?.template ? ", detector template" : `, descriptor${array?.decided ?? ""}`;
     element("source-name", HTMLElement).textContent = `${source?.name || "Photograph"}${size}${kind}`;
     for (const button of document.querySelectorAll("#samples button")) {
       button.setAttribute("aria-pressed", String(button instanceof HTMLElement && button.dataset.id === photo?.id));
@@ -228,7 +228,8 @@ export class SourceChooser extends EventTarget {
       /** @type {import("./types.js").DescriptorInfo} */
       const info = result;
       this.#take({ kind: "descriptor", id: info.parts[0]?.id ?? info.id, whole: info.id, name: info.name,
-        template: info.template, parts: info.parts });
+        template: info.template, parts: info.parts,
+        decided: info.decided_by ? ` of ${info.preset}, because ${info.decided_by}` : "" });
     }
   }
 }

@@ -96,7 +96,7 @@ def _write_files(
     rows = []
     with output_folder(folder):
         for source in inputs.sources:
-            target = targets[source.stem]
+            target = targets.get(source.stem, output / f"{source.stem}{ending}")  # of a row of a matrix
             write(target, source)
             rows.append(
                 {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -10,6 +11,9 @@ from ..parts import Part
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+
+SAME = 1e-4  # relative difference of entries that may be one number, the clip
 
 
 class Footprint(NamedTuple):
@@ -39,6 +43,22 @@ class Footprint(NamedTuple):
         return [self.margin <= cell < end and (cell - self.margin) % self.step < self.extent for cell in range(cells)]
 
 
+class Identity(NamedTuple):
+    """What holds of the numbers that a normaliser makes.
+
+    Attributes:
+        sentence: says so, for readers.
+        errors: of each equation, or how far a bound is exceeded; 0 but for rounding.
+        share: of the equations, the least that holds.  0 where all may fail, but hardly one holds of other numbers.
+        is_bound: whether numbers of other normalisers may satisfy it as well.
+    """
+
+    sentence: str
+    errors: Tensor
+    share: float = 1.0
+    is_bound: bool = False
+
+
 @dataclass(frozen=True)
 class Normalizer(Part):
     """From cell histograms to the descriptor: the last of the four steps.
@@ -55,8 +75,9 @@ class Normalizer(Part):
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
-    an image; :meth:`invert`, if histograms can be computed back in closed form; :meth:`native_constants`, for a header
-    in ``native``.  Unless ``native/operator.h`` lists its ``kind``, native cells are followed by :meth:`normalize`.
+    an image; :meth:`invert`, if histograms can be computed back in closed form; :meth:`identities`, by which its
+    descriptors are recognised; :meth:`native_constants`, for a header in ``native``.
+    Unless ``native/operator.h`` lists its ``kind``, native cells are followed by :meth:`normalize`.
     The rest has defaults that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields
     are converted by their types, see :func:`.convert_fields`.
     """
@@ -121,6 +142,13 @@ class Normalizer(Part):
         """Histograms (B, bins, rows, cols) of descriptors (B, channels, rows, cols) in closed form, if there is one."""
         return None
 
+    def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:
+        """What descriptors (B, channels, rows, cols), float64, of this normaliser satisfy up to rounding.
+
+        ``tolerance`` is the rounding of sums of entries.
+        """
+        yield from ()
+
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """The numbers that its native loops read, in the order of its header in ``native``."""
         return ()
@@ -161,3 +189,17 @@ def root(values: Tensor) -> Tensor:
 def clipped(values: Tensor, clip: float) -> Tensor:
     """Clips at ``clip``, with the mean of the one-sided derivatives there, unlike ``clamp``."""
     return values.minimum(values.new_full((), clip))  # a number that is made on the device
+
+
+def proportion_errors(first: Tensor, second: Tensor, first_clip: Tensor | float, second_clip: Tensor | float) -> Tensor:
+    """How far rows (…, n) are from multiples of each other, relative to their length, where neither is clipped.
+
+    Rows with fewer than three such entries that are not 0 are left out.
+    """
+    free = (first < first_clip * (1 - SAME)) & (second < second_clip * (1 - SAME))
+    first, second = first.where(free, first.new_zeros(())), second.where(free, second.new_zeros(()))
+    tell = ((first > 0) & (second > 0)).sum(dim=-1) > 2
+    first, second = first[tell], second[tell]
+    factors = (first * second).sum(dim=-1, keepdim=True) / second.square().sum(dim=-1, keepdim=True)
+    errors: Tensor = (first - factors * second).norm(dim=-1) / first.norm(dim=-1)
+    return errors

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
-from .base import Footprint, Normalizer, clipped, root
+from .base import Footprint, Identity, Normalizer, clipped, proportion_errors, root
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+LEAST_VOTES = 2.0  # times ε: the length of a block that is not flat
 
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
@@ -106,6 +109,57 @@ class BlockNorm(Normalizer):
         blocks = channels.reshape(batch, block_cells, bins, rows * cols).transpose(1, 2).flatten(1, 2)
         counts = fold(torch.ones_like(blocks[:1, :block_cells]), size, self.block, stride=self.step).clamp(min=1)
         return fold(blocks, size, self.block, stride=self.step) / counts
+
+    def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:
+        """Blocks have a length, entries the clip in common; cells in several blocks differ by one factor."""
+        count, numbers = channels.shape[1], channels.movedim(1, -1)
+        sizes = numbers.sum(dim=-1) if self.form == "L1" else numbers.norm(dim=-1)
+        used = sizes > 0
+        sizes, largest = sizes[used], numbers[used].topk(2, dim=-1).values
+        low, high = self._sizes()
+        what = "add up to" if self.form == "L1" else "have length"
+        between = f"{low:.3f} … {high:.3f}" if high - low > tolerance else "1"
+        yield Identity(f"no {count} numbers exceed length {high:.3f}", (sizes - high).clamp(min=0), is_bound=True)
+        yield Identity(f"every {count} numbers {what} {between}", (low - sizes).clamp(min=0), share=0.5)
+        if self.form == "L2-Hys":
+            # d = c / (‖c‖ + ε₂) of clipped entries c, so that c = d · ε₂ / (1 - ‖d‖)
+            clips = largest[:, 0] * self.epsilon_again - self.clip * (1 - sizes)
+            if self.epsilon_outside_root:
+                yield Identity(f"no entry exceeds the clip {self.clip:g}", clips.clamp(min=0), is_bound=True)
+                yield Identity(f"the largest entries were clipped at {self.clip:g}", clips, share=0.5)
+            ties = (largest[:, 0] - largest[:, 1]) / largest[:, 0]
+            yield Identity("the largest entries of blocks are equal, as clipped ones", ties, share=0.1)
+        if self.step == (1, 1) != self.block:
+            yield from self._shared_cells(channels, bins)
+
+    def _sizes(self) -> tuple[float, float]:
+        """The least and the largest length, or sum, of a block that is not flat."""
+        if self.form != "L2-Hys":
+            return (1 + LEAST_VOTES**-2) ** -0.5, 1.0
+        least, most = (
+            1 / (1 + self.epsilon_again / length)
+            if self.epsilon_outside_root
+            else (1 + (self.epsilon_again / length) ** 2) ** -0.5
+            for length in (self.clip, 1.0)
+        )
+        return least, most
+
+    def _shared_cells(self, channels: Tensor, bins: int) -> Iterator[Identity]:
+        """Along both axes, the histograms that neighbouring blocks share, where neither is clipped."""
+        batch, _, rows, cols = channels.shape
+        blocks = channels.reshape(batch, *self.block, bins, rows, cols)
+        clips = blocks.amax(dim=(1, 2, 3), keepdim=True).expand_as(blocks)
+        for axis in (0, 1):
+            inner, places = self.block[axis] - 1, blocks.shape[4 + axis] - 1
+            if inner < 1 or places < 1:
+                continue
+            rows_of_cells = [
+                x.narrow(1 + axis, 1 - start, inner).narrow(4 + axis, start, places).movedim((4, 5), (1, 2)).flatten(3)
+                for x in (blocks, clips)
+                for start in (0, 1)
+            ]
+            errors = proportion_errors(*rows_of_cells)
+            yield Identity("cells that neighbouring blocks share are proportional", errors.flatten(), share=0.99)
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """All fields; the form by its number."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
-from .base import Footprint, Normalizer, clipped, root
+from .base import Footprint, Identity, Normalizer, clipped, proportion_errors, root
+from .unclip import sum_over_blocks, unclip
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -24,6 +25,8 @@ DPM_TEXTURE = 0.2357  # the same, to four decimals
 BLOCK_NAMES = ("up-left", "up-right", "down-left", "down-right")
 DPM_ORDER = [3, 1, 2, 0]  # of the blocks
 in_dpm_order = itemgetter(*DPM_ORDER)
+UNCLIP_ROUNDS = 60  # after which most cells are exact
+UNCLIP_ERROR = 1e-3  # of a sum of squares, which doubles the errors of what was solved for
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,87 @@ class FourBlockNorm(Normalizer):
         """Channels (B, channels, rows, cols) by their parts."""
         lengths = [self.part_channels(part, bins, signed) for part in self.parts]
         return dict(zip(self.parts, channels.split_with_sizes(lengths, dim=1), strict=True))
+
+    def texture_sums(self, texture: Tensor) -> Tensor:
+        """Σ of the clipped histogram that the texture (B, 4, rows, cols) sums, by blocks up-left … down-right."""
+        import torch
+
+        if self.texture == "vlfeat":
+            return texture / VLFEAT_TEXTURE
+        return torch.stack(in_dpm_order(texture.unbind(1)), dim=1) / DPM_TEXTURE
+
+    def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:
+        """Entries are at most twice the clip; opposite directions, textures and the squares of blocks add up."""
+        parts, most = self.split(channels, bins, signed), 2 * self.clip
+        if "zero" in parts:
+            yield Identity("the last channel is 0", parts["zero"].abs())
+        for name in ("directed", "undirected"):
+            if name in parts:
+                excess = parts[name] - most
+                yield Identity(f"no entry but texture exceeds {most:g}", excess.clamp(min=0), is_bound=True)
+                highest = excess.flatten(1).amax(dim=1)
+                yield Identity(f"the largest entry of all but texture is {most:g}", highest, share=0.0)
+        if {"directed", "undirected"} <= {*parts}:
+            first, second, both = *parts["directed"].chunk(2, dim=1), parts["undirected"]
+            free = (both > 0) & (both < self.clip / 2 - tolerance)  # else it may be clipped in one of the blocks
+            yield Identity("opposite directions add up, where they are not clipped", (first + second - both)[free])
+        if "blocks" in parts:
+            excess = parts["blocks"] - self.clip
+            yield Identity(f"no entry exceeds {self.clip:g}", excess.clamp(min=0), is_bound=True)
+            yield Identity(f"the largest entry is {self.clip:g}", excess.flatten(1).amax(dim=1), share=0.0)
+            yield self._shared_by_blocks(parts["blocks"])
+        summed = parts.get("undirected" if self.texture == "vlfeat" else "directed")
+        if summed is not None and "texture" in parts:
+            totals = self.texture_sums(parts["texture"])
+            which = "19 … 27" if self.texture == "vlfeat" else "1 … 18"
+            if bins != 18:
+                which = "of all orientations" if self.texture == "vlfeat" else "of all directions"
+            yield Identity(f"texture adds up to the sum of channels {which}", totals.sum(1) - 2 * summed.sum(1))
+            yield from self._block_squares(summed, totals, tolerance)
+        if self.outside == "missing":
+            yield from self._edges(channels)
+
+    def _block_squares(self, summed: Tensor, totals: Tensor, tolerance: float) -> Iterator[Identity]:
+        """Σ over the cells of a block of ‖h‖² / N² = 1, where no cell's entry is clipped in all four blocks."""
+        import torch
+
+        shares, ratios, known = unclip(summed, totals, self.clip, UNCLIP_ROUNDS)
+        entries = (shares * ratios).clamp(max=self.clip)
+        solved = (entries.sum(dim=2) - totals).abs().amax(dim=1) + (entries.sum(dim=1) / 2 - summed).abs().amax(dim=1)
+        exact = (solved < tolerance) & (summed < 2 * self.clip - tolerance).all(dim=1) & known.all(dim=1).squeeze(1)
+        if self.texture == "dpm":
+            shares = shares[:, :, : shares.shape[2] // 2] + shares[:, :, shares.shape[2] // 2 :]
+        squares = (shares * ratios).square().sum(dim=2)  # (B, 4, rows, cols)
+        ones = torch.ones_like(squares)
+        present, full = sum_over_blocks(ones), sum_over_blocks(exact.unsqueeze(1) * ones)
+        excess = (sum_over_blocks(squares) * 4 / present - 1) / UNCLIP_ERROR * tolerance
+        inner, told = present == 4, present == full
+        places = {"the squares of each block": inner}
+        if self.outside == "repeat":
+            places["the squares of blocks that repeat the border"] = ~inner
+        for what, where in places.items():
+            errors = excess[where & told]
+            yield Identity(f"{what} add up to at most 1", errors.clamp(min=0), share=0.95, is_bound=True)
+            yield Identity(f"{what} add up to 1", errors, share=0.0)  # less where the image is as flat as ε
+
+    def _shared_by_blocks(self, blocks: Tensor) -> Identity:
+        """The histogram of a cell in the first of its blocks, and in each of the others, where neither is clipped."""
+        batch, _, rows, cols = blocks.shape
+        histograms = blocks.reshape(batch, len(BLOCK_NAMES), -1, rows, cols).movedim(2, -1)
+        first, second = histograms[:, :1].expand_as(histograms[:, 1:]), histograms[:, 1:]
+        errors = proportion_errors(first.flatten(0, 3), second.flatten(0, 3), self.clip, self.clip)
+        return Identity("what four blocks make of a cell is proportional", errors, share=0.99)
+
+    def _edges(self, channels: Tensor) -> Iterator[Identity]:
+        """Cells at the border lie in two blocks, those in corners in one."""
+        rows, cols = channels.shape[2:]
+        limits = channels.new_full((rows, cols), 2 * self.clip)
+        for edge in (limits[0], limits[-1], limits[:, 0], limits[:, -1]):
+            edge /= 2
+        excess = channels - limits
+        yield Identity(f"no entry at the border exceeds {self.clip:g}", excess.clamp(min=0), is_bound=True)
+        border = excess[..., limits < 2 * self.clip].flatten(1).amax(dim=1)
+        yield Identity(f"the largest entry at the border is {self.clip:g}", border, share=0.0)
 
     def cell_entries(self, channels: Tensor, bins: int, signed: bool) -> Tensor:
         """The directed entries, or for want of them each undirected one twice."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
-from .base import Footprint, Normalizer, root
+from .base import Footprint, Identity, Normalizer, root
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -67,6 +68,12 @@ class GlobalNorm(PerCell):
         length = energy + self.epsilon**2 if self.form == "robust" else math.sqrt(energy) + self.epsilon
         return 1 / math.sqrt(length)
 
+    def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:
+        """In the robust form the whole descriptor has length 1."""
+        if self.form == "robust":
+            lengths = channels.flatten(1).norm(dim=1)
+            yield Identity("the whole vector has length 1", lengths[lengths > 0] - 1)
+
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε and the form."""
         return self.epsilon, self.form == "robust"
@@ -113,6 +120,11 @@ class CellNorm(PerCell):
 
         length = root(histograms.square().sum(dim=1, keepdim=True))
         return histograms / torch.maximum(length, length.new_full((), self.epsilon))
+
+    def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:
+        """Each histogram has length 1, if it is not 0."""
+        lengths = channels.norm(dim=1)
+        yield Identity(f"every {bins} numbers have length 1", lengths[lengths > 0] - 1)
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε."""

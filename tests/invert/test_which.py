@@ -1,0 +1,91 @@
+"""Descriptors of unknown origin, made by other programs where there is one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from skimage import data, feature
+
+import nablahog
+from nablahog import presets, which_hog
+
+COLOUR = data.astronaut()[40:168, 190:254]  # 128x64
+GRAY = data.camera()[100:228, 200:264]
+
+
+def opencv() -> NDArray[np.float32]:
+    """OpenCV's own descriptor of its default window."""
+    cv2 = pytest.importorskip("cv2")
+    vector: NDArray[np.float32] = cv2.HOGDescriptor().compute(np.ascontiguousarray(COLOUR[..., ::-1]))
+    return vector
+
+
+def skimage(**arguments: Any) -> NDArray[np.float64]:
+    vector: NDArray[np.float64] = feature.hog(GRAY, **arguments)
+    return vector
+
+
+def ours(name: str, **parameters: Any) -> NDArray[np.float32]:
+    image = GRAY if getattr(presets, name)().colour == "gray" else COLOUR
+    return nablahog.hog(image, getattr(presets, name)(**parameters), layout="native")
+
+
+RECOGNISED = {
+    "OpenCV": (opencv, "opencv", {}),
+    "scikit-image": (skimage, "skimage", {}),
+    "scikit-image, 2x2": (lambda: skimage(cells_per_block=(2, 2)), "skimage", {"cells_per_block": (2, 2)}),
+    "scikit-image, L1": (lambda: skimage(block_norm="L1"), "skimage", {"block_norm": "L1"}),
+    "Dalal and Triggs": (lambda: ours("dalal_triggs").ravel(), "dalal_triggs", {}),
+    "VLFeat": (lambda: ours("vlfeat").ravel(), "vlfeat", {}),
+    "UoCTTI": (lambda: ours("uoctti").ravel(), "uoctti", {}),
+    "DPM": (lambda: ours("dpm").ravel(), "dpm", {}),
+    "dlib": (lambda: ours("dlib").ravel(), "dlib", {}),
+    "Piotr Dollár": (lambda: ours("piotr").ravel(), "piotr", {}),
+    "CNN-HOG": (lambda: ours("cnn_hog").ravel(), "cnn_hog", {}),
+}
+
+
+@pytest.mark.parametrize("name", RECOGNISED)
+def test_a_vector_is_recognised(name: str) -> None:
+    make, preset, parameters = RECOGNISED[name]
+    found = which_hog(make())
+    first = found.candidates[0]
+    assert found.decided_by
+    assert (first.preset, dict(first.parameters), first.image_size) == (preset, parameters, (128, 64))
+
+
+def test_targets_of_maskfeat_are_recognised() -> None:
+    image = data.astronaut()[100:324, 100:324]
+    targets = nablahog.hog(image, presets.maskfeat(layout="tokens"), layout="native")
+    found = which_hog(targets)
+    assert targets.shape == (196, 108)
+    assert found.decided_by
+    assert found.candidates[0].spec == presets.maskfeat(layout="tokens")
+    assert found.candidates[0].image_size == (224, 224)
+
+
+def test_the_rows_of_a_matrix_are_descriptors() -> None:
+    parts = [data.astronaut()[top : top + 96, 190:254] for top in range(0, 200, 20)]
+    matrix = np.stack([nablahog.hog(part, presets.opencv(win_size=(64, 96)), layout="native") for part in parts])
+    first = which_hog(matrix).candidates[0]
+    assert (first.preset, first.count, first.image_size) == ("opencv", len(parts), (96, 64))
+
+
+@pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])
+def test_what_nothing_exact_holds_of_is_not_decided(name: str) -> None:
+    found = which_hog(ours(name))
+    assert not found.decided_by
+    assert name in {candidate.preset for candidate in found.candidates[: found.likely]}
+
+
+def test_numbers_of_no_preset_are_not_decided() -> None:
+    random = np.random.default_rng(0)
+    for shape in ((3780,), (3968,), (8, 8, 31), (5, 1764), (20, 20, 9)):
+        assert not which_hog(random.random(shape, np.float32)).decided_by
+        assert not which_hog(np.zeros(shape)).decided_by
+        assert not which_hog(random.standard_normal(shape)).decided_by
+    with pytest.raises(ValueError, match="NaN"):
+        which_hog(np.full(36, np.nan))
