@@ -252,7 +252,7 @@ class _Reader:
         sources = []
         for each in found:
             row = each.request.row
-            source = from_stored(file.name, stem if row is None else f"{stem}_{row:06d}", each.stored)
+            source = from_stored(file.name, f"{stem}_{row:06d}" if len(found) > 1 else stem, each.stored)
             sources.append(source if row is None else replace(source, part=f"row {row}"))
         return sources
 

@@ -72,7 +72,8 @@ class GlobalNorm(PerCell):
         """In the robust form the whole descriptor has length 1."""
         if self.form == "robust":
             lengths = channels.flatten(1).norm(dim=1)
-            yield Identity("the whole vector has length 1", lengths[lengths > 0] - 1)
+            # so has any vector that was normalised afterwards
+            yield Identity("the whole vector has length 1", lengths[lengths > 0] - 1, share=0.0)
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε and the form."""
