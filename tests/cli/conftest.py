@@ -21,8 +21,8 @@ from .common import CHELSEA
 
 @pytest.fixture(autouse=True)
 def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A busy machine may take longer than a test expects, and stderr has a line a minute then."""
-    monkeypatch.setattr(terminal, "LINE_INTERVAL", math.inf)
+    """A busy machine may take longer than a test expects, and stderr has lines of progress then."""
+    monkeypatch.setattr(terminal, "FIRST_LINE", math.inf)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from ..viz.html import figure
 
 UNBROKEN_CHARACTERS = 16  # characters of a name that is not broken in a table
 LINE_CHARACTERS = 1000  # characters of a line: lists of file names may be any length
-LINE_INTERVAL = 60.0  # seconds between lines of progress without a terminal
+FIRST_LINE, LINE_INTERVAL = 10.0, 60.0  # seconds to the first line of progress without a terminal, and to the next
 PIPED_COLUMNS = 120  # columns without a terminal
 _quiet = False
 
@@ -40,7 +40,7 @@ class Counter(Protocol):
 
 @contextmanager
 def counter(name: str) -> Iterator[Counter]:
-    """Shows the progress of many items: a bar on a terminal, a line every minute elsewhere."""
+    """Shows the progress of many items: a bar on a terminal; elsewhere a line after ten seconds, then every minute."""
     console = Console(stderr=True)
     if _quiet:
         yield lambda done, total, what: None
@@ -57,19 +57,20 @@ def counter(name: str) -> Iterator[Counter]:
 
 
 class _Lines:
-    """A line on stderr every :data:`LINE_INTERVAL` seconds."""
+    """A line on stderr after :data:`FIRST_LINE` seconds, then every :data:`LINE_INTERVAL` seconds."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.began = self.last_line = time.monotonic()
+        self.began = time.monotonic()
+        self.next_line = self.began + FIRST_LINE
         self.before: int | None = None  # done in an earlier run
 
     def __call__(self, done: int, total: int, what: str) -> None:
         now = time.monotonic()
         if self.before is None:
             self.before, self.began = done, now  # what came before the first item does not count
-        if now - self.last_line >= LINE_INTERVAL and done > self.before:
-            self.last_line = now
+        if now >= self.next_line and done > self.before:
+            self.next_line = now + LINE_INTERVAL
             left = (now - self.began) / (done - self.before) * (total - done)
             minutes = max(1, round(left / 60))
             print(

@@ -206,8 +206,8 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         help="compare all methods on objects of known pose",
         description="Finds the poses of many objects by all methods of the paper's Table 2 and writes the table: the "
         "page index.html, summary.csv and other files. The objects are rendered chairs, those of PASCAL3D+, or "
-        "yours. A second table has fewer objects, under harder conditions. An interrupted run is resumed when it is "
-        "repeated.",
+        "yours. A second table has fewer objects, under harder conditions (of your own photographs if asked for). An "
+        "interrupted run is resumed when it is repeated.",
     )
     command.add_argument(
         "annotations",
@@ -226,7 +226,8 @@ def table2(commands: argparse._SubParsersAction[Parser]) -> None:
         "--conditions",
         type=options.chosen("conditions", CONDITIONS, {"none": (), "all": CONDITIONS}),
         metavar="NAME,…",
-        help=f"conditions of the second table: none, all (default), or some of {', '.join(CONDITIONS)}",
+        help=f"conditions of the second table: none, all, or some of {', '.join(CONDITIONS)} (default: all for scenes, "
+        "none for photographs)",
     )
     viewpoints = "viewpoints of the scenes: columns azimuth, elevation, and theta if known"
     options.add(command, "--viewpoints", path("CSV"), viewpoints)

@@ -187,8 +187,8 @@ def _annotated(arguments: Namespace) -> Objects:
         unknown_model=arguments.unknown_model,
         seed=arguments.seed,
     )
-    names = arguments.conditions
-    if names is None:
+    names = arguments.conditions or []
+    if names == list(CONDITIONS):  # all
         names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
     for name in names:
         if not CONDITIONS[name].of_photographs:

@@ -39,8 +39,8 @@ class Inversion:
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
-        polarity: the learned prior's probability that the pre-image is not a negative, 0.5 for templates; None for
-            signed descriptors, and without a prior.
+        polarity: the learned prior's probability that the pre-image is not a negative; None for signed descriptors,
+            for templates, and without a prior.
         samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
@@ -97,9 +97,10 @@ class Inversion:
             Panel(self.glyphs, f"glyphs, {spec.name}", f"Strokes along the edges of {of}, cell by cell, of its HOG"),
             Panel(self.preimage, "pre-image", f"The image found from the {spec.name} HOG of {of} alone"),
         ]
-        if self.polarity is not None and self.unsure:
+        if self.unsure or (self.source.part and not spec.signed):  # no prior says which, for parts of a template
+            odds = "" if self.polarity is None else f", {1 - self.polarity:.0%}"
             negative = f"The negative of the image found from the HOG of {of}, which has the same HOG"
-            drawn.append(Panel(1 - self.preimage, f"or its negative, {1 - self.polarity:.0%}", negative))
+            drawn.append(Panel(1 - self.preimage, f"or its negative{odds}", negative))
         if photo is None or self.source.gray_photo is None:
             return drawn
         apart = difference(self.preimage, self.source.gray_photo)
@@ -192,8 +193,6 @@ def invert_batch(
     if request.samples is not None and prior is not None and result.polarity_confidence is not None:
         drawn = reconstruct_samples(descriptors, spec, image_size, count=request.samples, **asked)
     polarity = result.polarity_confidence
-    if request.template and not spec.signed:
-        polarity = torch.full((len(sources),), 0.5)
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index, 0].detach().float().cpu()

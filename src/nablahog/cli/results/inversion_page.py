@@ -20,11 +20,12 @@ LEAD = (
 TEMPLATES = (
     "The positive weights of a linear detector over a HOG descriptor say which edges speak for a detection, and the "
     "negative ones which speak against it. Each image was found from the weights of one sign alone: its histograms are "
-    "their squares, so a larger weight gives a stronger edge."
+    "their squares, so a larger weight gives a stronger edge. Where gradients are unsigned, the negative of each image "
+    "is as good."
 )
 POLARITY = (
-    "Probability, by the learned prior, that the pre-image is not a negative; 0.5 for templates, which leave it open. "
-    "There is none without a prior, or for descriptors that tell bright from dark."
+    "Probability, by the learned prior, that the pre-image is not a negative. There is none without a prior, or for "
+    "descriptors that tell bright from dark."
 )
 SAMPLES = "Agreement of the samples, the mean magnitude of their pairwise correlations"
 SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
@@ -42,11 +43,9 @@ def page(
     """The page: for each of the first inversions a section with its pictures, below a table of all."""
     shown = inversions[:SHOWN_INPUTS]
     rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
-    definitions = {name: DEFINITIONS[name] for name in inversions[0].measures}
-    if any(inversion.polarity is not None for inversion in inversions):
-        definitions["polarity"] = POLARITY
-    else:
-        rows = [{name: value for name, value in row.items() if name != "polarity"} for row in rows]
+    filled = [name for name in rows[0] if any(row[name] is not None for row in rows)]
+    rows = [{name: row[name] for name in filled} for row in rows]
+    definitions = {name: text for name, text in {**DEFINITIONS, "polarity": POLARITY}.items() if name in filled}
     more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
     return html.page(
         title,
