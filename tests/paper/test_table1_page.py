@@ -98,3 +98,15 @@ def test_terminal(table: Table1) -> None:
     assert [*rows][-5:] == ["dalal-multi-scale", "  @1/64", "  @1/16", "  @1/4", "  @1/1"]
     (columns,) = {tuple(row) for row in rows.values()}
     assert "PSNR" not in columns  # of which the page has room
+
+
+def test_mi_has_no_mean_over_images_of_several_sizes(table: Table1, tmp_path: Path) -> None:
+    """A turned image has as many pixels, so the bias of its MI is that of the others."""
+    assert table.figures["uoctti-single"]["0.png"]["mi"] is not None
+    assert {line.statistics["mi"].n for line in table.table_rows()} == {0}
+    [remark] = table1_page.remarks([], {}, table.photographs)
+    assert "MI" in remark
+    some = photographs(2)
+    some.images = {"0.png": some.images["0.png"][:16], "1.png": some.images["1.png"][:, :16]}
+    assert {line.statistics["mi"].n for line in made(tmp_path / "turned", some, SEEN).table_rows()} == {0, 2}
+    assert table1_page.remarks([], {}, some) == []

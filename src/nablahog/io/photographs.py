@@ -25,6 +25,11 @@ class Photographs:
     failed: dict[str, str] = field(default_factory=dict)
     ignored: list[str] = field(default_factory=list)
 
+    @property
+    def equally_large(self) -> bool:
+        """Whether all have the same number of pixels."""
+        return len({image.numel() for image in self.images.values()}) <= 1
+
 
 def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive: bool = False) -> Photographs:
     """The images of a folder, sorted by name.

@@ -86,7 +86,8 @@ def _figures(output: MethodOutput, reference: NDArray[np.float32]) -> Figures:
 class Table1Row:
     """A row of the table: statistics by metric, and the means that the paper prints.
 
-    ``seconds`` is the mean time for an image; None for levels and for methods that did not run.
+    MI has statistics only of images of one number of pixels, on which its bias depends.  ``seconds`` is the mean time
+    for an image; None for levels and for methods that did not run.
     """
 
     row: str
@@ -116,6 +117,8 @@ class Table1(Results):
     def _table_row(self, row: str, group: str) -> Table1Row:
         figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})
         values = {metric: [measures[metric] for measures in figures.values()] for metric in METRICS}
+        if not self.photographs.equally_large:
+            values["mi"] = []
         published = dict(zip(("cc", "mi", "ssim"), PUBLISHED.get(row, ()), strict=False))
         return Table1Row(
             row,

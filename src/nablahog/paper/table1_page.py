@@ -73,12 +73,17 @@ LEAD = (
 def remarks(
     left_out: Sequence[ReconstructionMethod], learned: Mapping[str, Path], photographs: Photographs
 ) -> list[str]:
-    """Remarks on methods that learn from photographs: which are left out, and which have trained on the test images."""
+    """Which methods are left out, and why MI is; which methods have trained on the test images."""
     sentences = [
         f"{method.name} is optional, and runs with a file of {kind}, see `nablahog learn {PRIORS[kind]}`."
         for method in left_out
         for kind in method.needs[:1]
     ]
+    if not photographs.equally_large:
+        sentences.append(
+            "The images differ in their number of pixels, on which the bias of MI depends, so that its mean says nothing: "
+            "per_image.csv has the MI of each."
+        )
     for kind, path in learned.items():
         names = load(kind, path).learning.images
         common = {*names, *(name.split(", ")[0] for name in names)} & {*photographs.images}  # tiles say where they are
