@@ -81,8 +81,8 @@ def remarks(
     ]
     if not photographs.equally_large:
         sentences.append(
-            "The images differ in their number of pixels, on which the bias of MI depends, so that its mean says nothing: "
-            "per_image.csv has the MI of each."
+            "The images differ in their number of pixels, on which the bias of MI depends, so MI has no mean here: "
+            "per_image.csv has that of each."
         )
     for kind, path in learned.items():
         names = load(kind, path).learning.images
