@@ -44,8 +44,38 @@ def test_cameras_are_numbers_pairs_and_matrices() -> None:
     matrix = np.array([[300.0, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]])
     for focal in (np.float32(300), torch.tensor(300.0), (300, 300.0), matrix, torch.from_numpy(matrix)):
         assert azimuth(focal=focal) == expected
-    with pytest.raises(ValueError, match="resize the photograph's height"):
-        azimuth(focal=(300, 400))
+    for intrinsics in (matrix, matrix.tolist(), torch.from_numpy(matrix), (300, 300, WIDTH / 2, HEIGHT / 2)):
+        for distortion in (None, np.zeros((1, 5)), [0.0] * 4, torch.zeros(14)):
+            assert azimuth(intrinsics=intrinsics, distortion=distortion) == expected
+
+
+MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        ({"intrinsics": 300}, "intrinsics must be a camera matrix"),
+        ({"intrinsics": (300, 300)}, "intrinsics must be a camera matrix"),
+        ({"intrinsics": (300, -300, 90, 75)}, "intrinsics must be a camera matrix"),
+        ({"intrinsics": (300, 900, 90, 75)}, "more than 2.5 times the other"),
+        ({"intrinsics": (3, 3, 90, 75)}, "`intrinsics` must be in pixels, 0.1 to 100 diagonals"),
+        ({"intrinsics": [[300, 2, 90], [0, 300, 75], [0, 0, 1]]}, r"must be \[\[fx, 0, cx\]"),
+        ({"intrinsics": "camera.json"}, "intrinsics must be a camera matrix"),
+        ({"intrinsics": MATRIX, "focal": 300}, "leave `focal` and `principal_point` out"),
+        ({"intrinsics": MATRIX, "principal_point": (90, 75)}, "leave `focal` and `principal_point` out"),
+        ({"focal": MATRIX, "principal_point": (9, 7)}, "leave it out"),
+        ({"distortion": (0.1, 0, 0, 0)}, "`distortion` needs a known focal length"),
+        ({"intrinsics": MATRIX, "distortion": 0.1}, "must be OpenCV's k1, k2, p1, p2, k3"),
+        ({"intrinsics": MATRIX, "distortion": (0.1, 0.2)}, "write 0 for those that are not used"),
+        ({"intrinsics": MATRIX, "distortion": (0.1, 0, 0, float("nan"))}, "must be OpenCV's k1, k2, p1, p2, k3"),
+        ({"intrinsics": MATRIX, "distortion": np.ones(8)}, "undistort the photograph with cv2.undistort"),
+        ({"intrinsics": MATRIX, "distortion": (-9, 0, 0, 0)}, "can be undone"),
+    ],
+)
+def test_what_is_no_camera_is_refused(camera: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        azimuth(**camera)
 
 
 def test_boxes_and_seeds_are_numbers_of_any_library() -> None:

@@ -257,7 +257,7 @@ def test_the_lens_of_a_photograph_s_file(scene: tuple[Tensor, Box]) -> None:
     assert estimate.camera.focal == pytest.approx(50 / math.hypot(36, 24) * math.hypot(150, 180))
     assert (estimate.focal_from, estimate.principal_point) == ("exif", (90, 75))
     for without in (image, Image.fromarray(np.zeros((60, 60), np.uint8))):
-        with pytest.raises(ValueError, match="`focal` 'exif' needs an uncropped PIL image"):
+        with pytest.raises(ValueError, match="`focal` 'exif' needs an uncropped photograph"):
             estimate_pose(without, model(), focal="exif")
 
 

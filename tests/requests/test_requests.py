@@ -21,6 +21,7 @@ COMMANDS = {"hog": HogRequest, "glyph": GlyphRequest, "invert": InvertRequest, "
 TEXTS = {
     "DEGREES": "20",
     "FILE": "a b.npz",
+    "FILE_or_fx,fy,cx,cy": "500,510,320,240.5",
     "FILE_or_DIR": "chairs",
     "HxW": "64x48",
     "KEY=VALUE": "orientations=8",
@@ -29,6 +30,7 @@ TEXTS = {
     "P": "0.5",
     "PIXELS": "400.5",
     "az,el": "-30,10",
+    "k1,k2,p1,p2[,k3]": "-0.3,0.1,0,0,0",
     "x,y": "10,12",
     "x0,y0,x1,y1": "1.5,2,30,40",
 }

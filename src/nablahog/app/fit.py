@@ -14,9 +14,10 @@ from torch import Tensor
 from ..hog import HOGSpec, presets
 from ..hog.descriptor import describe
 from ..inputs.boxes import Box
+from ..io.arrays import naming
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import CROP_SIDE, ObjectCrop, check_box, crop_object
-from ..pose.estimate import choose_lens
+from ..pose.lens import Lens, choose_lens
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
@@ -40,15 +41,18 @@ LEAST_DISTANCE, MOST_DISTANCE = 1.0, 100.0  # in diagonals of the model
 
 @dataclass(frozen=True, eq=False)
 class Fitting:
-    """A photograph's object, with its box, its crop, the camera if known, as ``focal`` of estimate_pose, and a model.
+    """A photograph's object, with its camera, its box, its crop, and a model.
 
-    The chart shows the last pose that was viewed and the last curve.
+    ``image`` is the photograph as the ideal camera would have taken it; the request's box belongs to the photograph as
+    it is, the crop to that image.  The chart shows the last pose that was viewed and the last curve.
     """
 
     photograph: Photograph
     model: MeshEntry
+    request: Open | PoseMessage
+    lens: Lens
+    image: Tensor
     box: Box
-    focal: Any
     crop: ObjectCrop
     chart: SimilarityChart = field(default_factory=SimilarityChart)
 
@@ -65,10 +69,10 @@ class Fitting:
             )
         with as_request_error():
             box = check_box(request.box or (0, 0, width, height), height, width)
-            focal = _known_focal(photograph, request.focal)
-            lens = choose_lens(photograph.image, focal, None, photograph.image)
-            crop = crop_object(photograph.image, box, focal=lens.focal, axis=lens.principal_point)
-        return cls(photograph, model, box, focal, crop)
+            lens = _choose_lens(photograph, request)
+            image = lens.undistort(photograph.image)
+            crop = crop_object(image, lens.map_box(box), focal=lens.focal, axis=lens.principal_point)
+        return cls(photograph, model, request, lens, image, box, crop)
 
     @cached_property
     def prepared(self) -> PreparedModel:
@@ -163,26 +167,31 @@ class Fitting:
                 send({"type": "progress", "done": done, "total": total, "what": what})
 
         with as_request_error():
+            asked = replace(
+                request,
+                box=(*self.lens.map_box(self.box),),
+                focal=self.lens.focal,
+                principal_point=self.lens.principal_point,
+            )
             return estimate_pose(
-                self.photograph.image,
+                self.image,
                 {self.model.name: self.model.mesh},
-                **self._complete(request).keywords(),
+                **asked.keywords(),
                 progress=progress,
                 watch=watch,
             )
 
-    def _complete(self, request: PoseRequest) -> PoseRequest:
-        """The request, with box and focal length of the scene."""
-        return replace(request, box=(*self.box,), focal=self.focal)
-
     def figures(self, estimate: PoseEstimate, request: PoseRequest) -> dict[str, Any]:
         """The figures of a pose, with what was asked for."""
         settings = {"mesh": self.model.name, "method": request.method, "seed": request.seed}
-        return {"photograph": self.photograph.name, **pose_figures(estimate), "settings": settings}
+        reported = self.lens.report(estimate, self.box)
+        return {"photograph": self.photograph.name, **pose_figures(reported), "settings": settings}
 
     def fitted(self, estimate: PoseEstimate, request: PoseRequest) -> dict[str, Any]:
         """The message that ends a search."""
-        photo, model = self.photograph, self.model
+        photo, model, opened = self.photograph, self.model, self.request
+        focal = photo.focal if opened.focal == FROM_FILE else None if opened.focal == UNKNOWN else opened.focal
+        asked = replace(request, box=(*self.box,), focal=focal, principal_point=opened.principal_point)
         chair = model.name if model.packaged else None
         files = FitFiles(photo.name, photo.focal is not None, model.name, model.up, model.front, chair)
         return {
@@ -192,20 +201,20 @@ class Fitting:
             "result": self.figures(estimate, request),
             "overlay": png(self._overlay(estimate)),
             "warning": warning(estimate),
-            "snippets": write_pose_snippets(self._complete(request), files),
+            "snippets": write_pose_snippets(asked, files),
         }
 
     def _overlay(self, estimate: PoseEstimate) -> Any:
-        """The photograph with the model's outline."""
+        """The image with the model's outline."""
         inside = silhouette(self.model.mesh, estimate.pose, estimate.camera)[0, 0] > 0.5
-        return outlined(self.photograph.image, inside.numpy())
+        return outlined(self.image, inside.numpy())
 
 
-def _known_focal(photograph: Photograph, focal: Any) -> Any:
+def _choose_lens(photograph: Photograph, request: Open | PoseMessage) -> Lens:
     """What a request says about the camera, or the photograph's file."""
-    if focal == FROM_FILE and photograph.focal is None:
-        raise ValueError(f"{photograph.name}: its EXIF data has no focal length: give the focal length in pixels")
-    return {UNKNOWN: None, FROM_FILE: photograph.focal}.get(focal, focal)
+    focal, size = None if request.focal == UNKNOWN else request.focal, photograph.size
+    with naming(photograph.name):
+        return choose_lens(size, focal, request.principal_point, exif=photograph.focal)
 
 
 def _round(values: Tensor) -> list[float]:

@@ -22,7 +22,7 @@ from ..inputs.numbers import as_number, as_numbers, check_choice, shortened
 from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
 from ..requests.options import FLAG, TEXT, Kind, choice, integer, list_options, option
-from ..requests.pose import BOX, FOCAL, PoseRequest, Sides
+from ..requests.pose import BOX, FOCAL, POINT, PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import MOST_ERROR_CHARACTERS, did_you_mean, one_line
 from ..viz.pictures import cell_width, glyph_image
@@ -133,12 +133,13 @@ class PoseMessage(PoseRequest):
 
 @dataclass(frozen=True, kw_only=True)
 class Open:
-    """A photograph's object and a mesh, to be turned; with the focal length of the camera in pixels, if it is known."""
+    """A photograph's object and a mesh, to be turned; with the camera's numbers in pixels, if they are known."""
 
     photo: str = field_of(TEXT)
     mesh: str = field_of(TEXT)
     box: Sides | None = field_of(BOX, None)
     focal: Any = field_of(FOCAL, None)
+    principal_point: tuple[float, float] | None = field_of(POINT, None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,10 +161,11 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit(PoseRequest):
-    """The search for the pose in the box that was opened, with its focal length."""
+    """The search for the pose in the box that was opened, with its camera."""
 
     box: None = None
     focal: None = None
+    principal_point: None = None
 
 
 @dataclass(frozen=True, kw_only=True)

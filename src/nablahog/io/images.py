@@ -17,6 +17,7 @@ from PIL import ExifTags, Image, ImageDraw, UnidentifiedImageError
 from torch import Tensor
 from torch.nn import functional
 
+from ..inputs.cameras import LONGEST, SHORTEST
 from ..inputs.pil_images import has_8_bits, pixel_values, tiff_tags
 from ..runtime.extras import extra
 from ..runtime.text import one_line
@@ -32,8 +33,6 @@ SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "c
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
-SHORTEST, LONGEST = 0.1, 100.0
-"""Focal lengths of real lenses, in diagonals of the photograph."""
 
 
 def as_array(picture: Picture) -> NDArray[np.float64]:

@@ -6,10 +6,9 @@ exhaustive one that it is compared with.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -18,10 +17,10 @@ from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.boxes import Box, as_box
-from ..inputs.cameras import as_focal, as_view
+from ..inputs.cameras import as_view
 from ..inputs.numbers import as_number, as_seed, check_choice
 from ..inputs.pil_images import is_pil
-from ..io.images import LONGEST, SHORTEST, exif_focal
+from ..io.images import exif_focal
 from ..render import Mesh
 from ..render.mesh import check_mesh
 from ..render.renderer import EdgeMethod
@@ -30,8 +29,9 @@ from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
 from .crop import apply_mask, crop_object
 from .detection import find_boxes
+from .lens import choose_lens
 from .model import DETAIL, equidistant_azimuths, prepared_model
-from .options import FocalSource, SearchMethod, SimilarityKind
+from .options import SearchMethod, SimilarityKind
 from .photograph import PreparedPhotograph
 from .problem import ELEVATIONS, PoseProblem
 from .result import PoseEstimate
@@ -88,14 +88,6 @@ SEARCHES: dict[SearchMethod, Callable[[PoseProblem], PoseEstimate]] = {
 }
 
 
-class Lens(NamedTuple):
-    """What is known about a photograph's camera."""
-
-    focal: float | None  # focal length, pixels; None if unknown
-    principal_point: tuple[float, float] | None  # x, y of the optical axis, pixels; None if unknown
-    source: FocalSource  # where the focal length is from
-
-
 @in_plain_mode
 def estimate_pose(
     photograph: Tensor | ArrayImage,
@@ -107,6 +99,8 @@ def estimate_pose(
     within: float = 180.0,
     focal: float | Sequence[float] | NDArray[Any] | Tensor | Literal["exif"] | None = None,
     principal_point: Sequence[float] | None = None,
+    intrinsics: Sequence[float] | Sequence[Sequence[float]] | NDArray[Any] | Tensor | None = None,
+    distortion: Sequence[float] | NDArray[Any] | Tensor | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
     background: Background | None = None,
@@ -123,9 +117,9 @@ def estimate_pose(
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, or uint8, one channel or R, G, B; or an array (H, W) or
             (H, W, C), or a PIL image.
-        models: normalised meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh; all are
-            tried, the best is returned.  Without models of your own, ``nablahog.sample_chairs()`` has chairs of all
-            common kinds.
+        models: normalised meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh, whose name
+            is that of its file; all are tried, the best is returned.  Without models of your own,
+            ``nablahog.sample_chairs()`` has chairs of all common kinds.
         box: x0, y0, x1, y1 of the object, pixels; by default the object may be anywhere.  ``"best"`` with the
             calibrated similarity searches around it, so it may be rough or cut off.  All others take the box as it is,
             by default the whole photograph.
@@ -135,12 +129,16 @@ def estimate_pose(
             a rough one does no harm; the other methods stay at it.
         within: how far the azimuth may be from the initial one, degrees, for ``"best"`` only.  By default all azimuths
             are searched, and the initial one has no influence.
-        focal: focal length of the photograph's camera, pixels; (fx, fy) of square pixels; or its camera matrix (3, 3),
-            which gives the principal point, too.  Then the distance is the true one.  ``"exif"`` takes it from the EXIF
-            data of a PIL image, as :func:`nablahog.io.images.read_exif_focal`.  By default an object that fills its box
-            is assumed to be three of its diagonals away.
+        focal: focal length of the photograph's camera, pixels; (fx, fy); or its camera matrix (3, 3), which gives the
+            principal point, too.  Then the distance is the true one.  ``"exif"`` takes it from the EXIF data of a PIL
+            image, as :func:`nablahog.io.images.read_exif_focal`.  By default an object that fills its box is assumed to
+            be three of its diagonals away.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Objects far from it look stretched, which the search takes into account.
+        intrinsics: the camera matrix (3, 3), or fx, fy, cx, cy, pixels, in place of ``focal`` and ``principal_point``.
+        distortion: OpenCV's k1, k2, p1, p2 and maybe k3, of a camera of known focal length.  The photograph is then
+            undistorted, and so it is, to square pixels, where fx and fy differ: the pose is for the ideal camera, see
+            :class:`PoseEstimate`, while the box and the mask belong to the photograph as it is.
         method: ``"best"``: views all around at three elevations about the initial one (or at eight, if unknown), then
             an ascent over all six parameters from the best of them, at last with smaller cells.  ``"paper"``: patches
             of the photograph's visual elements, OpenDR's derivatives, momentum over azimuth and every few steps over
@@ -178,7 +176,7 @@ def estimate_pose(
     """
     if isinstance(models, list | tuple):
         models = {str(number): mesh for number, mesh in enumerate(models)}
-    named = models if isinstance(models, Mapping) else {"": models}
+    named = models if isinstance(models, Mapping) else {getattr(models, "name", ""): models}
     meshes = {name: check_mesh(mesh).detach() for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
@@ -193,11 +191,14 @@ def estimate_pose(
     kind = similarity or ("patches" if method in RENDERERS else "calibrated")
     image, view = as_photograph("the photograph", photograph), None if initial is None else as_view("initial", initial)
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
-    lens = choose_lens(photograph, focal, principal_point, image)
+    exif = exif_focal(photograph) if isinstance(focal, str) and is_pil(photograph) else None  # type: ignore[arg-type]
+    lens = choose_lens((image.shape[1], image.shape[2]), focal, principal_point, intrinsics, distortion, exif)
     generator = torch.Generator().manual_seed(as_seed(seed))
     box = None if box is None else as_box("the box", box)
     if mask is not None:
         image, box = apply_mask(image, as_mask("the mask", mask, (image.shape[1], image.shape[2])), box)
+    given_box = box
+    image, box = lens.undistort(image), None if box is None else lens.map_box(box)
     whole = Box(0.0, 0.0, float(image.shape[2]), float(image.shape[1]))
     prepared = {name: prepared_model(mesh) for name, mesh in meshes.items()}
     other_boxes: tuple[Box, ...] | None = None
@@ -216,31 +217,8 @@ def estimate_pose(
         similarity=kind,
         # do not read a default that has no influence
         viewpoints=choose_viewpoints(viewpoints) if viewpoints != "default" or len(meshes) > 1 else None,
-        focal_from=lens.source,
         generator=generator,
         progress=progress,
         watch=watch,
     )
-    return SEARCHES[method](problem)
-
-
-def choose_lens(photograph: object, focal: object, principal_point: object, image: Tensor) -> Lens:
-    """What is known about the camera of a photograph, which is also passed as ``image`` (C, H, W)."""
-    if focal is None:
-        if principal_point is not None:
-            raise ValueError("`principal_point` needs a known focal length: give `focal`, too")
-        return Lens(None, None, "assumed")
-    source: FocalSource = "exif" if isinstance(focal, str) and focal == "exif" else "given"
-    if source == "exif":
-        focal = exif_focal(photograph) if is_pil(photograph) else None  # type: ignore[arg-type]
-        if focal is None:
-            raise ValueError("`focal` 'exif' needs an uncropped PIL image with a focal length in its EXIF data")
-    pixels, point = as_focal("focal", focal, principal_point)
-    height, width = image.shape[1:]
-    if not SHORTEST <= pixels / math.hypot(height, width) <= LONGEST:
-        raise ValueError(
-            f"`focal` must be in pixels, {SHORTEST:g} to {LONGEST:g} diagonals of the photograph, got {pixels:g} for "
-            f"{height}x{width} pixels; convert millimetres by the factor {math.hypot(height, width):.0f} / diagonal of "
-            "the sensor in millimetres, 43.3 if the lens is named by its equivalent for 35mm film"
-        )
-    return Lens(pixels, point or (width / 2, height / 2), source)
+    return lens.report(SEARCHES[method](problem), given_box)

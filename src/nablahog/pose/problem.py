@@ -15,7 +15,7 @@ from ..inputs.boxes import Box
 from ..render import PARAMETERS
 from .crop import CROP_FILL, crop_object
 from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles
-from .options import FocalSource, SimilarityKind
+from .options import SimilarityKind
 from .photograph import PreparedPhotograph
 from .result import PoseEstimate
 from .viewpoint_prior import ViewpointPrior
@@ -44,7 +44,6 @@ class PoseProblem:
     within: float = 180.0  # degrees of azimuth on both sides of the initial one that are searched
     similarity: SimilarityKind = "calibrated"  # its kind
     viewpoints: ViewpointPrior | None = None  # used with several models; None to use views alone
-    focal_from: FocalSource = "assumed"  # where the focal length is from
     generator: torch.Generator | None = None  # of random samples
     progress: Callable[[int, int, str], None] = lambda done, total, what: None  # as for :func:`.estimate.estimate_pose`
     watch: Callable[[str, Tensor], None] = lambda model, pose: None  # as for :func:`.estimate.estimate_pose`
@@ -127,7 +126,6 @@ class PoseProblem:
             crop_pose=pose,
             box=self.box,
             similarity_kind=self.similarity,
-            focal_from=self.focal_from,
             principal_point=crop.axis,
             from_original=self.models[model].mesh.from_original,
             **attributes,

@@ -10,10 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..inputs.arrays import ArrayImage, as_photograph
 from ..inputs.boxes import Box
+from ..inputs.cameras import PhotographCamera
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
 from ..render.conventions import MatrixConvention, convert_matrix, move_before_camera, pose_matrix, turn_to
+from ..render.lens import IdealCamera
+from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
 from .model import VIEW_COUNT
 from .options import FocalSource, SimilarityKind
@@ -28,6 +32,10 @@ below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
 class PoseEstimate:
     """A pose of an object in a photograph, and the model that it is for.
 
+    If the photograph's camera has a distortion or two focal lengths, the pose is for the ideal camera in its place:
+    ``camera``, ``x``, ``y``, ``principal_point`` and :attr:`intrinsics` belong to the picture that :meth:`undistort`
+    makes.  :meth:`matrix` belongs to both, since the camera did not move; ``box`` is in pixels of the photograph.
+
     Attributes:
         azimuth: of the camera around the object's vertical axis, degrees in 0…360: 0 sees the front, 90 the object's
             left side.
@@ -36,7 +44,7 @@ class PoseEstimate:
         theta: counter-clockwise rotation of the picture, degrees.
         x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
         camera: the camera of this pose; it sees the whole photograph, and looks straight at the object.
-        model: the name of the best model; "" for a single mesh.
+        model: the name of the best model; of a single mesh, that of its file without the ending, or "".
         similarity: of the rendering to the photograph; for a runner-up maybe that of the coarse descriptor.
         similarity_kind: ``"patches"`` or ``"calibrated"``, see :mod:`.similarity`; a calibrated one is in standard
             deviations over arbitrary photographs, one of patches has no unit.
@@ -54,6 +62,8 @@ class PoseEstimate:
             is not the true one.
         principal_point: x, y where the optical axis meets the photograph, pixels; None where the focal length is
             assumed.
+        photograph_camera: the camera that took the photograph, with its ``matrix`` and ``distortion``, if that is not
+            the ideal one; else None.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
@@ -87,6 +97,7 @@ class PoseEstimate:
     share: float = 1.0
     focal_from: FocalSource = "assumed"
     principal_point: tuple[float, float] | None = None
+    photograph_camera: PhotographCamera | None = None
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
 
     def __repr__(self) -> str:
@@ -154,6 +165,32 @@ class PoseEstimate:
         world[:3, :3] = self._unit * self.from_original[:3, :3]
         return world.matmul(self.matrix("opengl").inverse())
 
+    @in_plain_mode
+    def undistort(self, photograph: Tensor | ArrayImage) -> Tensor:
+        """The photograph as ``camera`` sees it: with square pixels and without distortion, by bicubic interpolation.
+
+        Where both focal lengths are one, this is the picture of OpenCV's ``undistort`` with the same camera matrix.
+
+        Args:
+            photograph: (C, H, W), the one of this estimate, as :func:`nablahog.estimate_pose` takes it.
+
+        Returns:
+            (C, height, width), of the same dtype; unchanged if ``photograph_camera`` is None.
+
+        Raises:
+            ValueError: it is of another size.
+        """
+        image, real = as_photograph("the photograph", photograph), self.photograph_camera
+        height, width = (self.camera if real is None else real).height, (self.camera if real is None else real).width
+        if image.shape[1:] != (height, width):
+            came = "x".join(map(str, image.shape[1:]))
+            raise ValueError(f"the photograph must be the one of the estimate, of {height}x{width} pixels, got {came}")
+        return (
+            image
+            if real is None
+            else IdealCamera(real).resample(image, Box(0, 0, self.camera.width, self.camera.height))
+        )
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes all figures as JSON, with the names of an annotation of ``nablahog pose``; replaces the file whole.
 
@@ -197,6 +234,7 @@ class PoseEstimate:
 
 def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
     """All figures, ready for JSON."""
+    real = estimate.photograph_camera
     return {
         "image_size": [estimate.camera.height, estimate.camera.width],
         "box": list(estimate.box),
@@ -207,6 +245,13 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
         "focal_length_from": estimate.focal_from,
         "principal_point": estimate.principal_point,
         "intrinsics": estimate.intrinsics.tolist(),
+        "photograph_camera": None
+        if real is None
+        else {
+            "camera_matrix": real.matrix,
+            "dist_coeffs": list(real.distortion),
+            "image_size": [real.height, real.width],
+        },
         "matrix": estimate.matrix().tolist(),
         "matrix_world": estimate.camera_to_world.tolist(),
         "any_azimuth": estimate.any_azimuth,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from torch import Tensor
 from ..inputs.arrays import as_tensor
 from ..inputs.numbers import shortened
 from ..io.input_file import Readable, input_file
-from ..runtime.text import describe_type
+from ..runtime.text import describe_type, to_unicode
 from .mesh_file import read_soup
 from .soup import Integers, find_distinct
 
@@ -40,6 +41,7 @@ class Mesh:
         brightness: (V,), float64 in 0…1: the gray albedo, which light multiplies.
         from_original: (4, 4), float64: maps points of the original, as they are in the file, to those of the vertices;
             by default the identity.  It is kept through :meth:`normalized` and :func:`load_mesh`.
+        name: of its file without the ending, from :func:`load_mesh`; else "".
 
     Raises:
         ValueError: an array is not as above.
@@ -57,6 +59,7 @@ class Mesh:
     faces: Tensor
     brightness: Tensor
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
+    name: str = ""
 
     def __post_init__(self) -> None:
         for name in ("vertices", "faces", "brightness", "from_original"):
@@ -107,7 +110,7 @@ class Mesh:
         moved = self.from_original.clone()
         moved[:3, 3] -= middle.detach().to(moved)
         moved[:3] /= diagonal.detach().to(moved)
-        return Mesh((self.vertices - middle) / diagonal, self.faces, self.brightness, moved)
+        return replace(self, vertices=(self.vertices - middle) / diagonal, from_original=moved)
 
 
 def check_mesh(mesh: object) -> Mesh:
@@ -192,8 +195,10 @@ def load_mesh(path: Readable, *, up: str | None = None, front: str | None = None
     vertices, faces, brightness = read_soup(file)
     try:
         arrays = vertices @ turn[:3, :3].T, faces, brightness, turn
-        whole = Mesh(*map(torch.from_numpy, arrays)).normalized()
-        return _tidy(whole).normalized()  # without flat or unused parts, the box may be smaller
+        corners, triangles, gray, from_file = map(torch.from_numpy, arrays)
+        whole = Mesh(corners, triangles, gray, from_file).normalized()
+        tidy = replace(_tidy(whole), name=to_unicode(Path(file.name).stem))
+        return tidy.normalized()  # without flat or unused parts, the box may be smaller
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
 
@@ -209,7 +214,9 @@ def _tidy(mesh: Mesh) -> Mesh:
     faces = faces[np.sort(find_distinct(np.sort(faces, axis=1))[0])]
     used, flat = np.unique(faces, return_inverse=True)
     corners, faces = torch.from_numpy(vertices[first[used]]), flat.reshape(-1, 3)
-    return Mesh(corners, torch.from_numpy(faces), torch.from_numpy(brightness[first[used]]), mesh.from_original)
+    return replace(
+        mesh, vertices=corners, faces=torch.from_numpy(faces), brightness=torch.from_numpy(brightness[first[used]])
+    )
 
 
 def axes(up: str, front: str | None = None) -> Integers:

@@ -6,10 +6,10 @@ import json
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, get_args
 
-from ..inputs.cameras import as_focal, as_view
+from ..inputs.cameras import as_distortion, as_focal, as_intrinsics, as_view
 from ..inputs.numbers import as_plain, parse_numbers
 from ..pose.options import SearchMethod
-from .options import Kind, choice, integer, keywords, number, numbers, option, path
+from .options import Kind, choice, integer, keywords, number, numbers, option, path, read_path, write_numbers
 
 Sides: TypeAlias = tuple[float, float, float, float]
 LEAST_CONFIDENCE = 0.3
@@ -32,6 +32,15 @@ def _write_focal(focal: Any) -> str:
     return focal if isinstance(focal, str) else f"{focal:g}" if isinstance(focal, float) else json.dumps(focal)
 
 
+def _as_intrinsics(name: str, intrinsics: Any) -> Any:
+    return intrinsics if isinstance(intrinsics, str) else as_intrinsics(name, intrinsics)
+
+
+def _parse_intrinsics(text: str) -> Any:
+    """Numbers, or the name of a file."""
+    return parse_numbers(read_path(text))
+
+
 def _first(boxes: list[Sides]) -> Sides | None:
     """The box of the first object; the command makes a request for each."""
     return boxes[0] if boxes else None
@@ -40,6 +49,13 @@ def _first(boxes: list[Sides]) -> Sides | None:
 AXIS = choice([f"{sign}{axis}" for sign in ("", "+", "-") for axis in "xyz"], "AXIS")
 BOX = replace(numbers("x0,y0,x1,y1"), collect=_first)
 FOCAL = Kind("PIXELS", _as_focal, parse_numbers, _write_focal)
+POINT = numbers("x,y")
+INTRINSICS = Kind(
+    "FILE_or_fx,fy,cx,cy",
+    _as_intrinsics,
+    _parse_intrinsics,
+    lambda value: value if isinstance(value, str) else write_numbers(value),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +106,19 @@ class PoseRequest:
         on_page=True,
     )
     principal_point: tuple[float, float] | None = option(
-        None, "where the optical axis is, in pixels (default: the middle)", numbers("x,y"), keyword=True
+        None, "where the optical axis is, in pixels (default: the middle)", POINT, keyword=True, on_page=True
+    )
+    intrinsics: Any = option(
+        None,
+        "the camera, in pixels, or its file: COLMAP's cameras.txt, or JSON such as OpenCV's and ROS's",
+        INTRINSICS,
+        keyword=True,
+    )
+    distortion: tuple[float, ...] | None = option(
+        None,
+        "OpenCV's coefficients of the lens, such as --distortion=-0.3,0.1,0,0",
+        numbers("k1,k2,p1,p2[,k3]", as_distortion),
+        keyword=True,
     )
     method: SearchMethod = option(
         "best", f"how to search: {', '.join(get_args(SearchMethod))}", keyword=True, on_page=True

@@ -20,6 +20,10 @@ def fitted(photograph: Any, models: Any = MESH, **more: Any) -> Any:
     return found.azimuth, found.elevation, found.distance, found.theta, found.x, found.y
 
 
+def as_intrinsics(camera: Any) -> Any:
+    return (camera.focal, camera.focal, camera.width / 2, camera.height / 2) if isinstance(camera, Camera) else camera
+
+
 def drawn(mesh: Any = MESH, poses: Any = POSES, camera: Any = CAMERA, **more: Any) -> Any:
     return render(mesh, poses, camera, **more)
 
@@ -37,6 +41,11 @@ COLUMNS = [
             "mask": Use(lambda m: fitted(IMAGE, mask=m), MASK),
             "mesh": Use(lambda m: fitted(IMAGE, m), MESH),
         },
+        tolerance=0.05,
+    ),
+    Column(
+        "estimate_pose intrinsics",
+        {"camera": Use(lambda c: fitted(IMAGE, intrinsics=as_intrinsics(c), distortion=(0, 0, 0, 0)), CAMERA)},
         tolerance=0.05,
     ),
     Column(

@@ -186,8 +186,17 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("--up must be one of 'x', 'y', 'z'", 2, up="up")
     check("got 'z' and '-z'", up="z", front="-z")
     check("models/bad.off: ", mesh=Path(folder, "bad.off"))
-    check("its EXIF data has no focal length", focal="exif")
+    check("whose EXIF data has one", focal="exif")
     check("--principal-point needs a known focal length", **{"principal-point": "80,70"})
+    check("--distortion needs a known focal length", distortion="0.1,0,0,0")
+    check("--distortion must be OpenCV's k1, k2, p1, p2, k3", 2, distortion="0.1,0.2")
+    check("--intrinsics must be a camera matrix (3, 3), or fx, fy, cx, cy", 2, intrinsics="300,300")
+    check("leave --focal and --principal-point out", intrinsics="300,300,90,75", focal="300")
+    check("camera.json: no such file", intrinsics=tmp_path / "camera.json")
+    cameras = tmp_path / "cameras.txt"
+    cameras.write_text("1 SIMPLE_RADIAL 640 480 300 320 240 -0.1\n")
+    check("--intrinsics is for photographs of 480x640 pixels (height x width), got 150x180", intrinsics=cameras)
+    check("expected no --distortion", intrinsics=cameras, distortion="0.1,0,0,0")
     (tmp_path / "empty").mkdir()
     check("expected a folder of CAD models", mesh=tmp_path / "empty")
     (tmp_path / "empty" / "a.off").write_text("hello")
@@ -247,6 +256,45 @@ def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: 
     assert [each["principal_point"] for each in poses] == [[90, 75], [80, 70], None, [90, 75]]
     extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
     assert poses[0]["distance_in_file_units"] == pytest.approx(poses[0]["distance"] * np.linalg.norm(extent))
+
+
+def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers, COLMAP's file and OpenCV's ask for the same; boxes are in pixels of the photograph, as it is."""
+    photo, _, folder, _, box = scene
+    (tmp_path / "cameras.txt").write_text("# one\n7 OPENCV 180 150 300 290 92 73 -0.2 0.05 0.001 0\n")
+    coefficients = {"rows": 1, "cols": 5, "data": [-0.2, 0.05, 0.001, 0, 0]}
+    matrix = [[300.0, 0.0, 92.0], [0.0, 290.0, 73.0], [0.0, 0.0, 1.0]]
+    camera = {"camera_matrix": {"data": [*matrix[0], *matrix[1], *matrix[2]]}, "distortion_coefficients": coefficients}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    common = [
+        "pose",
+        photo,
+        "--mesh",
+        f"{folder}/wooden.off",
+        "--box",
+        box,
+        "--init",
+        f"{AZIMUTH},{ELEVATION}",
+        "--page",
+    ]
+    poses = []
+    for more in (
+        ["--intrinsics", "300,290,92,73", "--distortion=-0.2,0.05,0.001,0"],
+        ["--intrinsics", str(tmp_path / "cameras.txt")],
+        ["--intrinsics", str(tmp_path / "camera.json")],
+    ):
+        assert main([*common, *more, "-o", str(tmp_path / "out")]) == 0
+        poses.append({key: value for key, value in figures(tmp_path / "out").items() if key != "seconds"})
+    assert poses[0] == poses[1] == poses[2]
+    x0, y0, width, height = poses[0]["bbox"]
+    assert [x0, y0, x0 + width, y0 + height] == [float(side) for side in box.split(",")]
+    assert degrees_between(poses[0]["azimuth"], AZIMUTH) < 5
+    assert poses[0]["photograph_camera"]["camera_matrix"] == matrix
+    assert poses[0]["focal_length_from"] == "given"
+    whole = json.loads((tmp_path / "out" / "poses.json").read_text())
+    assert [(image["height"], image["width"]) for image in whole["images"]] == [(150, 180)]
+    assert "photograph_camera" in whole["definitions"]
+    assert "undistorted, as the box is" in (tmp_path / "out" / "object_1.html").read_text(encoding="utf-8")
 
 
 def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 
 from ...inputs.arrays import as_mask
 from ...inputs.boxes import Box
-from ...inputs.cameras import as_focal
+from ...io.arrays import naming
+from ...io.camera_file import read_camera_file
 from ...io.files import check_folder, forbid_overwrite, local_name, output_folder
 from ...io.images import draw_polygons, read_exif_focal, read_image
 from ...io.lists import AnnotatedObject, read_objects
@@ -21,7 +22,7 @@ from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
 from ...pose.crop import apply_mask
-from ...pose.estimate import Lens
+from ...pose.lens import Lens, choose_lens
 from ...pose.result import pose_figures
 from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
@@ -49,7 +50,7 @@ def pose(arguments: Namespace) -> int:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
     """
-    request = build_request(PoseRequest, arguments)
+    request, camera_size = _read_camera(build_request(PoseRequest, arguments))
     objects, photos = _objects(arguments)
     if request.within < 180 and all(one.view is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
@@ -63,7 +64,9 @@ def pose(arguments: Namespace) -> int:
     forbid_overwrite(inputs, [folder / name for name in names(objects, request.page)])
     with output_folder(folder):
         readable = _check(models, ignored)
-        jobs = [ObjectJob(one, photo, request, readable) for one, photo in zip(objects, photos, strict=True)]
+        jobs = [
+            ObjectJob(one, photo, request, readable, camera_size) for one, photo in zip(objects, photos, strict=True)
+        ]
         results = _run(folder, jobs, arguments)
         least = request.least_confidence
         posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
@@ -77,6 +80,17 @@ def pose(arguments: Namespace) -> int:
     say_page(folder / "index.html")
     z_up = request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}
     return _status(posed, least, AXES_HINT if z_up else "")
+
+
+def _read_camera(request: PoseRequest) -> tuple[PoseRequest, tuple[int, int] | None]:
+    """The request with the numbers of its camera's file, and the size of the photographs that this is for, if known."""
+    if not isinstance(request.intrinsics, str):
+        return request, None
+    camera = read_camera_file(request.intrinsics)
+    if camera.distortion is not None and request.distortion is not None:
+        raise ValueError(f"{request.intrinsics}: it has a distortion: expected no --distortion")
+    distortion = camera.distortion or request.distortion
+    return replace(request, intrinsics=camera.intrinsics, distortion=distortion), camera.size
 
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
@@ -163,6 +177,7 @@ class ObjectJob:
     photo: Path
     request: PoseRequest
     models: tuple[Model, ...]
+    camera_size: tuple[int, int] | None = None  # of the photographs that the camera's file is for
 
     @property
     def name(self) -> str:
@@ -200,35 +215,38 @@ class ObjectJob:
         if self.listed.polygons:
             inside = as_mask("the outline", draw_polygons(self.listed.polygons, *size), size)
             photograph, box = apply_mask(photograph, inside, box)
-        lens = read_lens(photo, request.focal, request.principal_point)
+        lens, given_box = self._lens(photo, size), box
+        photograph, box = lens.undistort(photograph), None if box is None else lens.map_box(box)
         meshes = {model.name: model.mesh(local_path(model.file)) for model in self.models}
-        asked = request.keywords() | {"box": box, "focal": lens.focal, "principal_point": lens.principal_point}
+        known = {"focal": lens.focal, "principal_point": lens.principal_point, "intrinsics": None, "distortion": None}
         began = perf_counter()
-        estimate = estimate_pose(photograph, meshes, **asked, progress=progress)
+        estimate = estimate_pose(photograph, meshes, **request.keywords() | {"box": box} | known, progress=progress)
         seconds = perf_counter() - began
-        estimate, mesh = replace(estimate, focal_from=lens.source), meshes[estimate.model]
-        figures: dict[str, Any] = {**pose_figures(estimate), "seconds": round(seconds, 4)}
+        mesh = meshes[estimate.model]
+        figures: dict[str, Any] = {**pose_figures(lens.report(estimate, given_box)), "seconds": round(seconds, 4)}
         if request.page:
-            figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, list(meshes), request.method)
+            searched = list(meshes), request.method, lens.camera
+            figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, *searched)
         _, _, picture = close_up(photograph, estimate, mesh, SIDE, _FILL * SIDE)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
+
+    def _lens(self, photo: Path, size: tuple[int, int]) -> Lens:
+        """What the options and the photograph's file say about its camera."""
+        if self.camera_size not in (None, size):
+            came, expected = ("x".join(map(str, sides)) for sides in (size, self.camera_size or ()))
+            raise ValueError(
+                f"{photo}: `intrinsics` is for photographs of {expected} pixels (height x width), got {came}: expected "
+                "those of this size"
+            )
+        asked, exif = self.request, read_exif_focal(photo)
+        focal = None if asked.focal == UNKNOWN else asked.focal
+        if asked.focal is None and asked.intrinsics is None and exif is not None:
+            focal = FROM_FILE
+        with naming(photo):
+            return choose_lens(size, focal, asked.principal_point, asked.intrinsics, asked.distortion, exif)
 
     def _complete(self) -> PoseRequest:
         """The request, with what is known about the object."""
         box, initial = self.listed.box, self.listed.view
         within = 180.0 if initial is None else self.request.within
         return replace(self.request, box=None if box is None else (*box,), initial=initial, within=within)
-
-
-def read_lens(photo: Path, focal: Any, principal_point: tuple[float, float] | None) -> Lens:
-    """What the options and the photograph's file say about its camera."""
-    if focal not in (None, FROM_FILE, UNKNOWN):
-        return Lens(*as_focal("--focal", focal, principal_point), "given")
-    pixels = None if focal == UNKNOWN else read_exif_focal(photo)
-    if pixels is not None:
-        return Lens(pixels, principal_point, "exif")
-    if focal == FROM_FILE:
-        raise ValueError(f"{photo}: its EXIF data has no focal length, or the photograph was cropped: expected --focal")
-    if principal_point is not None:
-        raise ValueError(f"{photo}: --principal-point needs a known focal length: expected --focal")
-    return Lens(None, None, "assumed")

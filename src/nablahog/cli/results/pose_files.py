@@ -39,6 +39,10 @@ DEFINITIONS = {
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
     "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: an object that fills its "
     "box is taken to be 3 of its diagonals away, so distances are not the true ones.",
+    "photograph_camera": "The camera that took the photograph, with its distortion, as the options say it; null if it "
+    "distorts nothing and its pixels are square. Otherwise poses are for the ideal camera in its place: x, y, "
+    "focal_length, principal_point and intrinsics belong to the undistorted photograph, image_size pixels high and "
+    "wide; box and bbox to the photograph as it is; matrix to both.",
     "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
     "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. If the focal length "
     "is assumed, the principal point is that of a camera that looks straight at the object.",
@@ -130,7 +134,7 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
     """All figures, ready for JSON, in COCO's form: images, categories, which are models, and annotations."""
     found = [posed for posed in objects if posed.figures]
     images = {name: k for k, name in enumerate(dict.fromkeys(posed.listed.image for posed in objects), 1)}
-    sizes = {posed.listed.image: posed.figures["image_size"] for posed in found}
+    sizes = {posed.listed.image: (posed.figures["photograph_camera"] or posed.figures)["image_size"] for posed in found}
     models = {name: k for k, name in enumerate(sorted({posed.figures["model"] for posed in found}), 1)}
     annotations = []
     for posed in found:

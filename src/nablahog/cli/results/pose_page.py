@@ -11,6 +11,7 @@ from torch.nn.functional import interpolate
 
 from ...hog import HOGSpec
 from ...inputs.boxes import Box
+from ...inputs.cameras import PhotographCamera
 from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
 from ...pose.crop import CROP_FILL, CROP_SIDE, ObjectCrop, crop_object
@@ -42,9 +43,25 @@ LEAD = (
 
 
 def pose_page(
-    name: str, photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, candidates: Sequence[str], method: SearchMethod
+    name: str,
+    photograph: Tensor,
+    estimate: PoseEstimate,
+    mesh: Mesh,
+    candidates: Sequence[str],
+    method: SearchMethod,
+    camera: PhotographCamera | None = None,
 ) -> str:
-    """The page as HTML; the photograph is (C, H, W) in 0…1 or uint8, the mesh that of the best of the candidates."""
+    """The page as HTML.
+
+    Args:
+        name: of the photograph.
+        photograph: (C, H, W) in 0…1 or uint8, undistorted.
+        estimate: for that.
+        mesh: the best of the candidates.
+        candidates: names of all models.
+        method: of the search.
+        camera: the one that took the photograph, if known.
+    """
     known = estimate.camera.focal, estimate.principal_point
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, CROP_SIDE, CROP_FILL, *known))
     spec = matched.background.spec
@@ -56,6 +73,10 @@ def pose_page(
         "visual elements by": _named(spec),
         "candidates": ", ".join(candidates),
     }
+    if camera is not None and not camera.is_ideal:
+        lengths = f"focal lengths {camera.fx:g} and {camera.fy:g}, principal point {camera.cx:g}, {camera.cy:g}"
+        coefficients = ", ".join(f"{coefficient:g}" for coefficient in camera.distortion)
+        settings["undistorted, as the box is, from the camera"] = f"{lengths}, k1, k2, p1, p2, k3 {coefficients}"
     sections = [
         html.Section(
             "Overlay",

@@ -1,0 +1,112 @@
+"""Files of cameras, as COLMAP, OpenCV, ROS and Open3D write them."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from nablahog.io.camera_file import read_camera_file
+from nablahog.io.input_file import InputFile
+
+FOUR = (520.5, 515.25, 320.5, 240.25)
+MATRIX = [[520.5, 0, 320.5], [0, 515.25, 240.25], [0, 0, 1]]
+FLAT = [number for row in MATRIX for number in row]
+FIVE = [-0.3, 0.1, 0.001, -0.002, 0.01]
+ROS = {
+    "image_width": 640,
+    "image_height": 480,
+    "camera_matrix": {"rows": 3, "cols": 3, "data": FLAT},
+    "distortion_model": "plumb_bob",
+    "distortion_coefficients": {"rows": 1, "cols": 5, "data": FIVE},
+    "rectification_matrix": {"rows": 3, "cols": 3, "data": [1, 0, 0, 0, 1, 0, 0, 0, 1]},
+}
+COLMAP = "# Camera list\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+
+
+def read(content: Any, name: str = "camera.json") -> Any:
+    text = content if isinstance(content, str) else json.dumps(content)
+    return read_camera_file(InputFile(name, text.encode()))
+
+
+@pytest.mark.parametrize(
+    ("content", "distortion", "size"),
+    [
+        (dict(zip(("fx", "fy", "cx", "cy"), FOUR, strict=True)), None, None),
+        ({"fx": 520.5, "fy": 515.25, "cx": 320.5, "cy": 240.25, "k1": -0.3, "p2": 0.1}, (-0.3, 0, 0, 0.1, 0), None),
+        ({"K": MATRIX, "width": 640, "height": 480}, None, (480, 640)),
+        ({"K": FLAT, "D": FIVE, "distortion_model": "plumb_bob"}, FIVE, None),
+        ({"camera_matrix": MATRIX, "dist_coeffs": [FIVE]}, FIVE, None),
+        ({"mtx": MATRIX, "dist": [[each] for each in FIVE[:4]]}, (*FIVE[:4], 0), None),
+        (ROS, FIVE, (480, 640)),
+        (
+            {"width": 640, "height": 480, "intrinsic_matrix": [520.5, 0, 0, 0, 515.25, 0, 320.5, 240.25, 1]},
+            None,
+            (480, 640),
+        ),
+        ({"K": MATRIX, "D": [*FIVE, 0, 0, 0]}, FIVE, None),
+    ],
+)
+def test_json(content: Any, distortion: Any, size: Any) -> None:
+    camera = read(content)
+    assert camera.intrinsics == FOUR
+    assert camera.distortion == (None if distortion is None else tuple(distortion))
+    assert camera.size == size
+
+
+def test_the_json_that_opencv_writes(tmp_path: Any) -> None:
+    storage = cv2.FileStorage(str(tmp_path / "calibration.json"), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", np.array(MATRIX))
+    storage.write("distortion_coefficients", np.array([FIVE]))
+    storage.release()
+    assert read_camera_file(tmp_path / "calibration.json") == (FOUR, tuple(FIVE), (480, 640))
+
+
+@pytest.mark.parametrize(
+    ("line", "intrinsics", "distortion"),
+    [
+        ("SIMPLE_PINHOLE 640 480 500 320 240", (500, 500, 320, 240), None),
+        ("PINHOLE 640 480 520.5 515.25 320.5 240.25", FOUR, None),
+        ("SIMPLE_RADIAL 640 480 500 320 240 -0.1", (500, 500, 320, 240), (-0.1, 0, 0, 0, 0)),
+        ("RADIAL 640 480 500 320 240 -0.1 0.02", (500, 500, 320, 240), (-0.1, 0.02, 0, 0, 0)),
+        ("OPENCV 640 480 520.5 515.25 320.5 240.25 -0.3 0.1 0.001 -0.002", FOUR, (*FIVE[:4], 0)),
+    ],
+)
+def test_colmap(line: str, intrinsics: Any, distortion: Any) -> None:
+    assert read(f"{COLMAP}1 {line}\n\n", "cameras.txt") == (intrinsics, distortion, (480, 640))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("cameras.txt", f"{COLMAP}1 PINHOLE 9 9 5 5 4 4\n2 PINHOLE 9 9 5 5 4 4\n", "expected one camera, got 2"),
+        ("cameras.txt", COLMAP, "expected one camera, got 0"),
+        ("cameras.txt", "1 OPENCV_FISHEYE 640 480 5 5 4 4 0 0 0 0", "colmap image_undistorter"),
+        ("cameras.txt", "1 PINHOLE 640 480 5 5 4", "must be 4 finite numbers fx, fy, cx, cy"),
+        ("cameras.txt", "1 PINHOLE wide 480 5 5 4 4", "invalid literal|must be"),
+        ("cameras.txt", "1 PINHOLE", "must be|invalid literal"),
+        ("cameras.bin", "", "model_converter --output_type TXT"),
+        ("camera.yaml", "", "write its numbers as JSON"),
+        ("camera.json", "{", "Expecting property name"),
+        ("camera.json", "[1, 2]", r"expected COLMAP's cameras.txt or JSON with fx, fy, cx, cy or camera_matrix"),
+        ("camera.json", '{"focal": 3}', "got .*focal"),
+        ("camera.json", '{"K": [[5, 1, 4], [0, 5, 4], [0, 0, 1]]}', r"must be \[\[fx, 0, cx\]"),
+        ("camera.json", '{"K": "wide"}', "must be a camera matrix"),
+        ("camera.json", json.dumps({**ROS, "distortion_model": "equidistant"}), "undistort the photographs"),
+        ("camera.json", json.dumps({"K": MATRIX, "D": [1.0] * 8}), "got a model of 8 numbers"),
+        (
+            "camera.json",
+            json.dumps({"fx": 5, "fy": 5, "cx": 4, "cy": 4, "k1": 0.1, "k4": 1}),
+            "got a model of 8 numbers",
+        ),
+    ],
+)
+def test_what_is_no_camera_is_refused(name: str, content: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        read(content, name)
+    assert str(caught.value).startswith(f"{name}: ")
