@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch.testing import assert_close
 
 from nablahog.inputs.boxes import Box
+from nablahog.inputs.cameras import as_view
 from nablahog.pose import PoseEstimate, best_search
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object
@@ -75,7 +78,7 @@ def test_opengls_frame_is_opencvs_turned_about_x(mesh: Mesh) -> None:
     one = estimate(mesh, (75, 61))
     half_a_turn = torch.diag(torch.tensor([1.0, -1, -1, 1], dtype=torch.float64))
     assert_close(one.matrix("opengl"), half_a_turn @ one.matrix("opencv"))
-    with pytest.raises(ValueError, match="convention must be 'opencv' or 'opengl'"):
+    with pytest.raises(ValueError, match="convention must be one of 'opencv', 'opengl'"):
         one.matrix("directx")  # type: ignore[arg-type]
 
 
@@ -140,6 +143,9 @@ IMAGE = torch.rand(1, 120, 160, generator=torch.Generator().manual_seed(0))
 BOX = (40.0, 20.0, 120.0, 100.0)  # half of the photograph's longer side
 
 
+ANGLES = st.floats(-1000, 1000) | st.sampled_from([-1e-20, 90.0, -90.0, 180.0, 360.0])
+
+
 def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) -> PoseProblem:
     return PoseProblem(
         IMAGE,
@@ -149,6 +155,23 @@ def problem(*, boxes: bool = False, initial: tuple[float, float] | None = None) 
         {"": prepared_model(model())},
         initial,
     )
+
+
+@given(azimuth=ANGLES, elevation=ANGLES, theta=ANGLES)
+def test_every_estimate_is_in_the_ranges_of_the_conventions(azimuth: float, elevation: float, theta: float) -> None:
+    """Whatever a search has come to, it is the same rotation, and can be given as the initial pose again."""
+    found = pose(azimuth, elevation, 3, theta)[0]
+    one = problem().estimate("", found, similarity=9.0, renderings=1)
+    for angles in (one.pose[0], one.crop_pose):
+        assert 0 <= angles[0] < 360
+        assert abs(angles[3]) <= 180
+        assert as_view("initial", angles[:2]) == tuple(angles[:2].tolist())
+        assert_close(pose_matrix(angles), pose_matrix(found), rtol=0, atol=1e-9)
+
+
+def test_a_search_that_is_bounded_does_not_pass_over_a_pole() -> None:
+    bounded = replace(problem(initial=(20.0, 80.0)), within=10.0)
+    assert bounded.limit_azimuths(pose(45, 97)).tolist() == pose(30, 90).tolist()
 
 
 def test_steep_and_tilted_views_have_a_penalty_usual_ones_none() -> None:
@@ -192,3 +215,14 @@ def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypa
     views = search.find_level_views()
     assert {float(view.pose[1]) for view in views} <= {0.0, 15.0, 30.0}
     assert all(view.pose[3] == 0 for view in search.tilt(views))
+
+
+@pytest.mark.parametrize(
+    ("confidence", "similarity", "doubtful"),
+    [(0.8, 4.0, False), (0.3, 12.0, True), (None, 4.0, True), (None, 6.0, False)],
+)
+def test_the_confidence_says_whether_a_pose_is_doubtful_the_similarity_only_without_it(
+    mesh: Mesh, confidence: float | None, similarity: float, doubtful: bool
+) -> None:
+    one = replace(estimate(mesh), confidence=confidence, similarity=similarity)
+    assert (pose_figures(one)["warning"] is not None) == doubtful

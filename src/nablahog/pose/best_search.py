@@ -24,7 +24,7 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .problem import PoseProblem
+from .problem import PoseProblem, wrap_angles
 from .result import PoseEstimate
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, describe_surroundings, find_views
@@ -277,7 +277,8 @@ class BestSearch:
         pose = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
         value = float(fine.values(pose[None]))
         coarse = float(self._similarity(start).values(pose[None]))
-        return start.move(pose, value, coarse, float(self.problem.penalty(pose[None], start.photograph)))
+        penalty = float(self.problem.penalty(pose[None], start.photograph))
+        return start.move(wrap_angles(pose), value, coarse, penalty)
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
         crop = self.problem.photograph.crop

@@ -61,11 +61,11 @@ class PoseProblem:
         return allowed_azimuths(equidistant_azimuths(VIEW_COUNT), self.initial, self.within)
 
     def limit_azimuths(self, poses: Tensor) -> Tensor:
-        """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one."""
+        """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one, not beyond a pole."""
         if self.initial is None or self.within == 180:
             return poses
-        off = signed_angles(poses[:, 0] - self.initial[0]).clamp(-self.within, self.within)
-        return torch.cat([self.initial[0] + off[:, None], poses[:, 1:]], dim=1)
+        off = signed_angles(poses[:, :1] - self.initial[0]).clamp(-self.within, self.within)
+        return torch.cat([self.initial[0] + off, poses[:, 1:2].clamp(-90, 90), poses[:, 2:]], dim=1)
 
     def penalty(self, poses: Tensor, photograph: PreparedPhotograph) -> Tensor:
         """Penalties (N,), subtracted from the similarities of poses (N, 6) for a crop before these are compared.
@@ -117,19 +117,29 @@ class PoseProblem:
         """The estimate at a pose (6,) for the object's crop, with other attributes of :class:`.PoseEstimate`."""
         crop = self.photograph.crop
         moved, camera = crop.place_in_photograph(pose, *self.image.shape[1:])
-        parameters = dict(zip(PARAMETERS, moved.tolist(), strict=True))
-        parameters["azimuth"] %= 360
         return PoseEstimate(
-            **parameters,
+            **dict(zip(PARAMETERS, wrap_angles(moved).tolist(), strict=True)),
             camera=camera,
             model=model,
-            crop_pose=pose,
+            crop_pose=wrap_angles(pose),
             box=self.box,
             similarity_kind=self.similarity,
             principal_point=crop.axis,
             from_original=self.models[model].mesh.from_original,
             **attributes,
         )
+
+
+def wrap_angles(pose: Tensor) -> Tensor:
+    """The same pose (6,) with azimuth in 0…360, elevation in -90…90 and theta in -180…180, degrees."""
+    wrapped = pose.clone()
+    wrapped[1] = signed_angles(pose[1])
+    if abs(wrapped[1]) > 90:  # seen over a pole
+        wrapped[1] = wrapped[1].sign() * 180 - wrapped[1]
+        wrapped[[0, 3]] += 180
+    wrapped[0] = wrapped[0] % 360 % 360  # a little below 0 is rounded to 360 once
+    wrapped[3] = signed_angles(wrapped[3])
+    return wrapped
 
 
 def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:

@@ -24,8 +24,8 @@ from .options import FocalSource, SimilarityKind
 
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
 MIN_SIMILARITY = 5.0
-"""A calibrated similarity below which a pose may mean nothing: 9 of 10 boxes of photographs without any chair stay
-below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
+"""A calibrated similarity below which a pose without a confidence may mean nothing: 9 of 10 boxes of photographs
+without any chair stay below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,9 +39,9 @@ class PoseEstimate:
     Attributes:
         azimuth: of the camera around the object's vertical axis, degrees in 0…360: 0 sees the front, 90 the object's
             left side.
-        elevation: of the camera above the object's horizon, degrees.
+        elevation: of the camera above the object's horizon, degrees in -90…90.
         distance: from the camera to the object's origin, in units of the mesh: of a normalised mesh, its diagonal.
-        theta: counter-clockwise rotation of the picture, degrees.
+        theta: counter-clockwise rotation of the picture, degrees in -180…180.
         x, y: pixels of the photograph, to the right and down from its middle to the image of the object's origin.
         camera: the camera of this pose; it sees the whole photograph, and looks straight at the object.
         model: the name of the best model; of a single mesh, that of its file without the ending, or "".
@@ -272,10 +272,11 @@ def _parameters(estimate: PoseEstimate) -> dict[str, float]:
 
 
 def warning(estimate: PoseEstimate) -> str | None:
-    """A sentence if the similarity is no larger than in photographs without the object."""
-    if estimate.similarity_kind != "calibrated" or estimate.similarity >= MIN_SIMILARITY:
-        return None
-    return (
-        f"the similarity, {estimate.similarity:.1f}, is below {MIN_SIMILARITY:g}, no higher than in photographs "
-        "without the object: do not trust this pose"
-    )
+    """A sentence if the pose is more likely wrong than right: by its confidence, or else by its similarity."""
+    if estimate.confidence is not None:
+        reason = f"the confidence is {estimate.confidence:.2f}" if estimate.confidence < 0.5 else None
+    elif estimate.similarity_kind == "calibrated" and estimate.similarity < MIN_SIMILARITY:
+        reason = f"the similarity, {estimate.similarity:.1f}, is no higher than in photographs without the object"
+    else:
+        reason = None
+    return reason and f"{reason}: this pose is more likely wrong than right"

@@ -147,7 +147,7 @@ def _check(models: list[Model], ignored: list[str]) -> tuple[Model, ...]:
 
 
 def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> int:
-    """The exit status; says how many poses may mean nothing, with advice, and how many are refused."""
+    """The exit status; says how many poses are more likely wrong than right, with advice, and how many are refused."""
     warnings = [one.figures["warning"] for one in posed if one.figures.get("warning") is not None]
     if warnings:
         of_all = "" if len(posed) == 1 else f"{len(warnings)} of {len(posed)} objects; the first: "

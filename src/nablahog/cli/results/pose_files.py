@@ -200,7 +200,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
         html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),
-        html.Section("Doubtful poses", "Poses that may mean nothing, and why.", table=doubtful),
+        html.Section("Doubtful poses", "Poses that are more likely wrong than right, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
     refused = sum(posed.refused for posed in objects)
