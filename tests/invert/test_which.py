@@ -74,6 +74,10 @@ def test_the_rows_of_a_matrix_are_descriptors() -> None:
     assert (first.preset, first.count, first.image_size) == ("opencv", len(parts), (96, 64))
 
 
+def test_the_places_of_an_image_in_rows_are_not_images_of_one_place() -> None:
+    assert not which_hog(ours("uoctti").reshape(-1, 31), dialects={"uoctti": {}}).candidates
+
+
 @pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])
 def test_what_nothing_exact_holds_of_is_not_decided(name: str) -> None:
     found = which_hog(ours(name))

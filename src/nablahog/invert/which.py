@@ -160,6 +160,8 @@ def fit_shape(
                 rows = shape if is_row(shape) else shape[1:] if len(shape) == 2 else ()
                 if rows:
                     count = 1 if is_row(shape) else shape[0]
+                    if rows is not shape and math.prod(rows) == spec.channels and image_size is None:
+                        continue  # rather the places of one image than images of one place
                     for how in _fit_row(math.prod(rows), spec, image_size):
                         named = _with_window(name, parameters, how.image_size)
                         yield Candidate(name, named, spec, how, count)
