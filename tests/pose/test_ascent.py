@@ -44,7 +44,7 @@ def fitted(top: Quadratic, count: int = 16) -> Tensor:
     half = torch.randn(count // 2, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     offsets = torch.cat([half, -half])
     values, slopes = top.derivatives(START + offsets * UNITS)
-    return ascent._fit_maximum(offsets, values, slopes * UNITS, torch.ones(count).double())
+    return ascent._fit_maximum(offsets, values, slopes * UNITS, torch.ones(count).double())[0]
 
 
 def test_the_top_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,9 +67,17 @@ def test_samples_without_weight_do_not_count() -> None:
     away = torch.tensor([0.5, -0.3, 0.2, 0.1, -0.6, 0.4], dtype=torch.float64)
     offsets, weights = torch.randn(40, 6, dtype=torch.float64), torch.ones(40).double()
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
-    expected = ascent._fit_maximum(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
+    expected, _ = ascent._fit_maximum(offsets[8:], values[8:], slopes[8:] * UNITS, weights[8:])
     weights[:8], values[:8] = 0, 1e3
-    assert_close(ascent._fit_maximum(offsets, values, slopes * UNITS, weights), expected, rtol=0, atol=0.05)
+    output, _ = ascent._fit_maximum(offsets, values, slopes * UNITS, weights)
+    assert_close(output, expected, rtol=0, atol=0.05)
+
+
+def test_the_hessian_of_an_exact_quadratic(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ascent, "_STIFFNESS", 0.0)
+    top, similarity = quadratic(START + 0.3 * UNITS)
+    _, hessian = quadratic_ascent(similarity, START, ascent.SCHEDULE, torch.Generator().manual_seed(3))
+    assert_close(-hessian * torch.outer(UNITS, UNITS), top.bend, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [3, 6, 8, 18])
@@ -85,10 +93,10 @@ def test_values_alone_know_the_top() -> None:
     offsets = torch.randn(80, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
     values, slopes = quadratic(START + away * UNITS)[0].derivatives(START + offsets * UNITS)
     weights = torch.ones(80).double()
-    output = ascent._fit_maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
+    output, _ = ascent._fit_maximum(offsets, values, torch.full_like(slopes, torch.nan), weights)
     assert (output - away).norm() < 0.1 * away.norm()
     some = torch.where(torch.arange(80)[:, None] < 8, slopes * UNITS, torch.nan)
-    assert (ascent._fit_maximum(offsets, values, some, weights) - away).norm() < (output - away).norm()
+    assert (ascent._fit_maximum(offsets, values, some, weights)[0] - away).norm() < (output - away).norm()
 
 
 def test_a_top_far_away_is_only_approached() -> None:
@@ -107,7 +115,8 @@ def test_a_valley_is_left_uphill() -> None:
 
 def test_a_plain_has_no_top() -> None:
     offsets = torch.randn(8, 6, dtype=torch.float64)
-    output = ascent._fit_maximum(offsets, torch.ones(8).double(), torch.zeros(8, 6).double(), torch.ones(8).double())
+    values, slopes = torch.ones(8).double(), torch.zeros(8, 6).double()
+    output, _ = ascent._fit_maximum(offsets, values, slopes, torch.ones(8).double())
     assert torch.isfinite(output).all()
     assert output.norm() <= ascent._LONGEST_STEP + 1e-9
 
@@ -118,11 +127,11 @@ def test_ascent_on_a_jagged_quadratic() -> None:
     top, similarity = quadratic(START + away * UNITS, jags=0.1)
     rounds = [Round(24, 0.8 * 0.6**k, slopes=k < 2) for k in range(4)]
     before = START.clone()
-    result = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
+    result, _ = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
     assert torch.equal(before, START)
     assert top.samples == 4 * 24
     assert ((result - START) / UNITS - away).norm() < 0.35 * away.norm()
-    again = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
+    again, _ = quadratic_ascent(similarity, START, rounds, torch.Generator().manual_seed(3))
     assert torch.equal(again, result)
 
 

@@ -50,6 +50,13 @@ class SearchTrace:
     similarities: tuple[float, ...]
 
 
+class Maximum(NamedTuple):
+    """The maximum of the quadratic that was fitted last."""
+
+    pose: Tensor  # (6,), float64, angles in degrees
+    hessian: Tensor  # (6, 6), float64: second derivatives of the similarity, per degree, unit and pixel
+
+
 class Round(NamedTuple):
     """Renderings around a pose, before it is moved."""
 
@@ -75,7 +82,7 @@ def quadratic_ascent(
     generator: torch.Generator,
     visit: Callable[[Tensor], None] = lambda pose: None,
     bounded: Callable[[Tensor], Tensor] = lambda poses: poses,
-) -> Tensor:
+) -> Maximum:
     """The maximum of a quadratic that is fitted again after each round of samples.
 
     Samples come in pairs on both sides of the pose, which fits value and slope there independently, and along
@@ -84,14 +91,15 @@ def quadratic_ascent(
 
     Args:
         similarity: to be maximised.
-        pose: (6,), float64, the start, angles in degrees; what is returned has the same form.
-        rounds: of samples.
+        pose: (6,), float64, the start, angles in degrees.
+        rounds: of samples, at least one.
         generator: of the directions.
         visit: called with the pose (6,) after each round.
         bounded: moves poses (N, 6) into the range allowed.
     """
     directions = _draw_directions(sum(round_.samples for round_ in rounds) // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
+    hessian = pose.new_zeros(len(pose), len(pose))
     for count, spread, slopes in rounds:
         unit = spread * UNITS
         half, directions = directions[: count // 2], directions[count // 2 :]
@@ -100,10 +108,11 @@ def quadratic_ascent(
         offsets = (poses - pose) / unit
         beyond = (offsets.square().mean(1).sqrt() - 1).clamp(min=0)
         weights = torch.exp(-0.5 * beyond**2)
-        pose = pose + unit * _fit_maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
+        offset, curvature = _fit_maximum(offsets, samples[:, 0], samples[:, 1:] * unit, weights)
+        pose, hessian = pose + unit * offset, curvature / torch.outer(unit, unit)
         pose = bounded(pose[None])[0]
         visit(pose)
-    return pose
+    return Maximum(pose, hessian)
 
 
 def _sample(similarity: Similarity, poses: Tensor, slopes: bool) -> Tensor:
@@ -122,10 +131,10 @@ def _draw_directions(count: int, generator: torch.Generator) -> Tensor:
     return directions
 
 
-def _fit_maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> Tensor:
-    """Offset (6,) of the maximum of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
+def _fit_maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Offset (6,) of the maximum and Hessian A (6, 6) of c + bᵀu + ½ uᵀAu, fitted by weighted least squares.
 
-    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  Curvatures are
+    Offsets u are (N, 6), values and weights (N,), slopes (N, 6), NaN where unknown.  For the offset, curvatures are
     made negative, at least :data:`_FLATTEST` of the largest, and the step is cut to :data:`_LONGEST_STEP`.
     """
     numbers = functional.pad(offsets, (1, 0), value=1.0).numpy()  # (1, u)
@@ -141,11 +150,13 @@ def _fit_maximum(offsets: Tensor, values: Tensor, slopes: Tensor, weights: Tenso
     stiff = np.where(_FIRST > 0, _STIFFNESS, 0) + 1e-9
     quadratic = np.empty_like(_UNIT)
     quadratic[_FIRST, _SECOND] = np.linalg.solve(weighted.T @ terms + np.diag(stiff), weighted.T @ targets)
-    gradient = quadratic[0, 1:]
-    bends, axes = np.linalg.eigh(quadratic[1:, 1:], UPLO="U")
+    gradient, hessian = quadratic[0, 1:], np.triu(quadratic[1:, 1:])
+    hessian += np.triu(hessian, 1).T
+    bends, axes = np.linalg.eigh(hessian, UPLO="U")
     bends = np.minimum(bends, -_FLATTEST * max(np.abs(bends).max(), 1e-9))
     step = -axes @ ((axes.T @ gradient) / bends)
-    return torch.from_numpy(step * (_LONGEST_STEP / max(float(np.linalg.norm(step)), _LONGEST_STEP)))
+    step *= _LONGEST_STEP / max(float(np.linalg.norm(step)), _LONGEST_STEP)
+    return torch.from_numpy(step), torch.from_numpy(scale * hessian)
 
 
 def momentum_ascent(

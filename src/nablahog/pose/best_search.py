@@ -24,7 +24,7 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .problem import PoseProblem, wrap_angles
+from .problem import PoseProblem, wrap_angles, wrap_hessian
 from .result import PoseEstimate
 from .similarity import Similarity
 from .surroundings import FOUND, ROUGH, describe_surroundings, find_views
@@ -208,6 +208,7 @@ class BestSearch:
             traces=tuple(hypothesis.search_trace() for hypothesis in traced),
             runners_up=rivals,
             equivalent_azimuths=same_view,
+            covariance=best.covariance(self.problem.image.shape[1:]) if known and self.calibrated else None,
             confidence=confidence(best.similarity, rival, lead, agreement, known_model=known)
             if self.calibrated
             else None,
@@ -274,11 +275,11 @@ class BestSearch:
     def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
         generator = torch.Generator().manual_seed(seed)
         watch = partial(self._watch, start)
-        pose = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
+        pose, hessian = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
         value = float(fine.values(pose[None]))
         coarse = float(self._similarity(start).values(pose[None]))
         penalty = float(self.problem.penalty(pose[None], start.photograph))
-        return start.move(wrap_angles(pose), value, coarse, penalty)
+        return start.move(wrap_angles(pose), value, coarse, penalty, wrap_hessian(hessian, pose))
 
     def _watch(self, hypothesis: Hypothesis, pose: Tensor) -> None:
         crop = self.problem.photograph.crop

@@ -142,6 +142,13 @@ def wrap_angles(pose: Tensor) -> Tensor:
     return wrapped
 
 
+def wrap_hessian(hessian: Tensor, pose: Tensor) -> Tensor:
+    """A Hessian (6, 6) at a pose (6,) for the parameters of :func:`wrap_angles`: over a pole, elevation falls."""
+    signs = torch.ones_like(pose)
+    signs[1] = -1 if abs(signed_angles(pose[1])) > 90 else 1
+    return hessian * torch.outer(signs, signs)
+
+
 def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:
     """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
     low, high = USUAL_ELEVATIONS if initial is None else (initial[1] - ELEVATION_ERROR, initial[1] + ELEVATION_ERROR)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,10 +17,11 @@ from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
-from ..render.conventions import MatrixConvention, convert_matrix, move_before_camera, pose_matrix, turn_to
+from ..render.conventions import move_before_camera
 from ..render.lens import IdealCamera
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
+from .geometry import PoseGeometry
 from .model import VIEW_COUNT
 from .options import FocalSource, SimilarityKind
 
@@ -29,7 +32,7 @@ without any chair stay below it (48 boxes, 24 models), and none of 48 scenes wit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseEstimate:
+class PoseEstimate(PoseGeometry):
     """A pose of an object in a photograph, and the model that it is for.
 
     If the photograph's camera has a distortion or two focal lengths, the pose is for the ideal camera in its place:
@@ -65,6 +68,9 @@ class PoseEstimate:
         photograph_camera: the camera that took the photograph, with its ``matrix`` and ``distortion``, if that is not
             the ideal one; else None.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
+        covariance: (6, 6), float64, of :attr:`pose`, in degrees, units of the mesh and pixels, if the pose is the right
+            one, see :mod:`.covariance`; the variance of the distance is infinite where the focal length is assumed.
+            Only of a single model, for ``"best"`` with the similarity ``"calibrated"``; else None.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
@@ -99,6 +105,7 @@ class PoseEstimate:
     principal_point: tuple[float, float] | None = None
     photograph_camera: PhotographCamera | None = None
     from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
+    covariance: Tensor | None = None
 
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""
@@ -115,55 +122,6 @@ class PoseEstimate:
     def any_azimuth(self) -> bool:
         """Whether the model looks the same from all around, as a bottle does: no photograph tells its azimuth."""
         return len(self.equivalent_azimuths) >= VIEW_COUNT - _NEIGHBOURS
-
-    @property
-    def pose(self) -> Tensor:
-        """(1, 6), float64, angles in degrees: what :func:`nablahog.render.render` takes together with ``camera``."""
-        values = (self.azimuth, self.elevation, self.distance, self.theta, self.x, self.y)
-        return torch.tensor([values], dtype=torch.float64, device="cpu")
-
-    @property
-    def distance_in_file_units(self) -> float:
-        """From the camera to the middle of the model's bounding box, in the units of its file."""
-        return self.distance * self._unit
-
-    @property
-    def intrinsics(self) -> Tensor:
-        """(3, 3), float64, pixels: the camera's matrix, which projects what :meth:`matrix` maps to its frame.
-
-        Its principal point is that of the photograph's camera; where that is unknown, the one of a camera that looks
-        straight at the object, x and y from the photograph's middle.
-        """
-        place = self.principal_point or self._place
-        focal = self.camera.focal
-        return torch.tensor([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1]], dtype=torch.float64, device="cpu")
-
-    def matrix(self, convention: MatrixConvention = "opencv") -> Tensor:
-        """The rigid motion (4, 4), float64, from the mesh as it is in its file to the camera's frame, in its units.
-
-        With OpenCV's convention, a point X of the file is seen at :attr:`intrinsics` · (R X + t), divided by its last
-        coordinate.
-
-        Args:
-            convention: of the camera's frame: ``"opencv"``, x right, y down and z forward, or ``"opengl"``, y up and z
-                backward.
-
-        Raises:
-            ValueError: ``convention`` is neither.
-        """
-        unit = torch.tensor([self._unit] * 3 + [1], dtype=torch.float64, device="cpu")[:, None]
-        return convert_matrix(unit * (self._motion @ self.from_original), convention)
-
-    @property
-    def camera_to_world(self) -> Tensor:
-        """(4, 4), float64: Blender's ``matrix_world`` of the camera, with the model where Blender's importers put it.
-
-        From the camera's frame, which is OpenGL's (y up, it looks along -z), to a world with z up and the front at -y,
-        in the units and with the origin of the model's file.
-        """
-        world = torch.eye(4, dtype=torch.float64, device="cpu")
-        world[:3, :3] = self._unit * self.from_original[:3, :3]
-        return world.matmul(self.matrix("opengl").inverse())
 
     @in_plain_mode
     def undistort(self, photograph: Tensor | ArrayImage) -> Tensor:
@@ -212,25 +170,6 @@ class PoseEstimate:
             return mesh, self.pose, self.camera
         return move_before_camera(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
 
-    @property
-    def _unit(self) -> float:  # the mesh's unit of length, in units of its file
-        return 1 / float(self.from_original[:3, 0].norm())
-
-    @property
-    def _place(self) -> tuple[float, float]:
-        """x, y of the object's origin in the photograph, pixels."""
-        return self.camera.width / 2 + self.x, self.camera.height / 2 + self.y
-
-    @property
-    def _motion(self) -> Tensor:
-        """(4, 4): from the normalised mesh to the frame of the camera."""
-        motion = pose_matrix(self.pose[0])
-        if self.principal_point is not None:
-            x, y = (at - axis for at, axis in zip(self._place, self.principal_point, strict=True))
-            ray = torch.tensor([x / self.camera.focal, y / self.camera.focal, 1.0], dtype=torch.float64, device="cpu")
-            motion[:3] = turn_to(ray).T @ motion[:3]
-        return motion
-
 
 def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
     """All figures, ready for JSON."""
@@ -241,6 +180,10 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
         "model": estimate.model,
         **_parameters(estimate),
         "distance_in_file_units": estimate.distance_in_file_units,
+        "standard_deviations": _standard_deviations(estimate),
+        "covariance": None if estimate.covariance is None else [_finite(row) for row in estimate.covariance.tolist()],
+        "position": estimate.position.tolist(),
+        "position_std": None if estimate.position_std is None else estimate.position_std.tolist(),
         "focal_length": estimate.camera.focal,
         "focal_length_from": estimate.focal_from,
         "principal_point": estimate.principal_point,
@@ -269,6 +212,20 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
 
 def _parameters(estimate: PoseEstimate) -> dict[str, float]:
     return dict(zip(PARAMETERS, estimate.pose[0].tolist(), strict=True))
+
+
+def _standard_deviations(estimate: PoseEstimate) -> dict[str, float | None] | None:
+    """By the names of the parameters, None for what is unknown; None for all of them."""
+    if estimate.standard_deviations is None:
+        return None
+    deviations = dict(zip(PARAMETERS, _finite(estimate.standard_deviations.tolist()), strict=True))
+    distance = deviations["distance"]
+    in_file_units = None if distance is None else distance * estimate.distance_in_file_units / estimate.distance
+    return {**deviations, "distance_in_file_units": in_file_units}
+
+
+def _finite(numbers: Sequence[float]) -> list[float | None]:
+    return [number if math.isfinite(number) else None for number in numbers]
 
 
 def warning(estimate: PoseEstimate) -> str | None:

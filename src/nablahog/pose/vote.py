@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from .ascent import SearchTrace
+from .covariance import pose_covariance
 from .crop import CROP_FILL
 from .model import (
     DETAIL,
@@ -64,11 +65,19 @@ class Hypothesis:
     place: PreparedPhotograph  # the crop around the box that was given, or that the object may be in
     trace: tuple[tuple[float, float], ...] = ()  # azimuth and coarse similarity of the poses so far
     penalty: float = 0.0  # subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`
+    hessian: Tensor | None = None  # (6, 6): of the fine similarity at its maximum; None before the ascent
 
-    def move(self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0) -> Hypothesis:
+    def move(
+        self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0, hessian: Tensor | None = None
+    ) -> Hypothesis:
         """The hypothesis at another pose, with its similarity and that of the coarse template."""
         trace = (*self.trace, (float(pose[0]), coarse))
-        return replace(self, pose=pose, similarity=similarity, trace=trace, penalty=penalty)
+        return replace(self, pose=pose, similarity=similarity, trace=trace, penalty=penalty, hessian=hessian)
+
+    def covariance(self, size: Sequence[int]) -> Tensor | None:
+        """The covariance (6, 6) of the pose in a photograph of a height and width; None before the ascent."""
+        crop = self.photograph.crop
+        return None if self.hessian is None else pose_covariance(self.hessian, self.pose, crop, size)
 
     @property
     def score(self) -> float:

@@ -258,6 +258,34 @@ def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: 
     assert poses[0]["distance_in_file_units"] == pytest.approx(poses[0]["distance"] * np.linalg.norm(extent))
 
 
+def test_standard_deviations_are_beside_the_figures(
+    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, _, folder, _, box = scene
+    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, "-o", str(tmp_path / "out")]
+    assert main([*common, "--focal", "300", "--page"]) == 0
+    printed, result, out = capsys.readouterr().out, figures(tmp_path / "out"), tmp_path / "out"
+    deviations = result["standard_deviations"]
+    assert degrees_between(result["azimuth"], AZIMUTH) < 4 * deviations["azimuth"]
+    assert abs(result["distance"] - 2.8) < 4 * deviations["distance"]
+    assert np.linalg.norm(result["position"]) == pytest.approx(result["distance_in_file_units"])
+    assert result["position_std"][2] == pytest.approx(deviations["distance_in_file_units"], rel=0.05)
+    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
+    assert float(row["azimuth_std"]) == deviations["azimuth"]
+    assert float(row["position_z_std"]) == result["position_std"][2]
+    shown = f" ± {deviations['azimuth']:.2f}" if deviations["azimuth"] < 1 else f" ± {deviations['azimuth']:.1f}"
+    for text in (printed, *((out / name).read_text() for name in ("index.html", "object_1.html"))):
+        assert shown in text
+    assert main([*common, "--focal", "unknown"]) == 0
+    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
+    assert row["distance_std"] == row["position_x_std"] == ""
+    assert float(row["azimuth_std"]) > 0
+    assert main([*common, "--method", "exhaustive"]) == 0
+    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
+    assert row["azimuth_std"] == ""
+    assert figures(out)["covariance"] is None
+
+
 def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Numbers, COLMAP's file and OpenCV's ask for the same; boxes are in pixels of the photograph, as it is."""
     photo, _, folder, _, box = scene

@@ -31,17 +31,22 @@ export function proper(pose) {
  */
 export function poseTables(result) {
   const { confidence, runners_up: others, focal_length_from: from } = result;
+  const deviations = result.standard_deviations ?? {};
+  /** @param {string} name @param {number} digits */
+  const measured = (name, digits) =>
+    figure(result[name], digits) + (deviations[name] == null ? "" : ` ± ${figure(deviations[name], digits)}`);
   const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
   /** @type {HTMLElement[]} */
   const nodes = [table("The pose in the photograph (the sliders show it in the crop)", ["Figure", "Value"], [
-    ...NAMES.map((name) => [name, figure(result[name], name === "distance" ? 3 : 1)]), ["focal length", focal],
+    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]), ["focal length", focal],
     ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1])];
   const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
   nodes.push(make("p", { class: "note" }, `${same}${confidence === null
     ? "This method does not say how sure it is; “best” does."
     : `Confidence ${figure(confidence, 2)}: of earlier poses with this confidence, about ${Math.min(99, Math.round(100 * confidence))} % were right, `
       + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same. "
-      + "The similarity here is that of smaller cells."}`));
+      + "The similarity here is that of smaller cells. "
+      + "If the pose is right, the true value is within ± (one standard deviation) in 68 of 100."}`));
   if (others.length) {
     nodes.push(table("Runners-up: the best poses from other sides, and their share of the best similarity", ["Azimuth", "Elevation", "Share"],
       others.map((/** @type {any} */ each) => [figure(each.azimuth, 1), figure(each.elevation, 1), figure(each.share, 2)]), [0, 1, 2]));

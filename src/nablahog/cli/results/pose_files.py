@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -36,6 +37,13 @@ DEFINITIONS = {
     "depends on the focal length, which is hard to tell from one photograph.",
     "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
+    "standard_deviations": "What follows ±: of 100 poses that are right (the confidence says how likely that is), 68 "
+    "have the true value within one of them. Of a single model only. The distance has none where the focal length is "
+    "assumed.",
+    "covariance": "6x6, of azimuth, elevation, distance, theta, x and y in their units, in this order; null where it "
+    "is infinite.",
+    "position, position_std": "Of the middle of the model's bounding box along the camera's axes (x right, y down, z "
+    "forward), in the units of the model's file, and its standard deviations.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
     "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: an object that fills its "
     "box is taken to be 3 of its diagonals away, so distances are not the true ones.",
@@ -114,7 +122,9 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
     out = io.StringIO()
     figures = ("model", *_POSE, *_CAMERA, "similarity", "confidence")
     matrix = [f"m{row}{col}" for row in range(3) for col in range(4)]
-    columns = ["image", "id", *SIDES, *figures, "refused", *matrix, "error"]
+    deviations = [f"{name}_std" for name in _POSE]
+    position = [f"position_{axis}{suffix}" for suffix in ("", "_std") for axis in "xyz"]
+    columns = ["image", "id", *SIDES, *figures, *deviations, *position, "refused", *matrix, "error"]
     writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
     writer.writeheader()
     for posed in objects:
@@ -122,6 +132,10 @@ def as_csv(objects: Sequence[PosedObject]) -> str:
         row |= dict(zip(SIDES, posed.figures.get("box", posed.listed.box) or (), strict=False))
         if posed.figures:
             row |= {name: posed.figures[name] for name in figures}
+            row |= {f"{name}_std": _deviation(posed.figures, name) for name in _POSE}
+            row |= dict(
+                zip(position, chain(posed.figures["position"], posed.figures["position_std"] or ()), strict=False)
+            )
             row |= dict(zip(matrix, chain(*posed.figures["matrix"][:3]), strict=True))
             row["refused"] = posed.refused
         writer.writerow(
@@ -174,11 +188,34 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
         {
             "image": posed.listed.image,
             "object": posed.listed.id,
-            **{name: posed.figures.get(name) for name in shown},
-            **({"azimuth": "any"} if posed.figures.get("any_azimuth") else {}),
+            **show_figures(posed.figures, shown),
         }
         for posed in objects
     ]
+
+
+def define(names: Sequence[str], figures: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The definitions of some figures of poses, and of standard deviations if there are any."""
+    deviations = ["standard_deviations"] if any(pose.get("standard_deviations") for pose in figures) else []
+    return {name: text for name, text in DEFINITIONS.items() if name in (*names, *deviations)}
+
+
+def show_figures(figures: Mapping[str, Any], names: Sequence[str]) -> dict[str, object]:
+    """Some figures of a pose for a table, with ± and the standard deviation where there is one."""
+    shown = {name: _with_deviation(figures.get(name), _deviation(figures, name)) for name in names}
+    return shown | ({"azimuth": "any"} if figures.get("any_azimuth") else {})
+
+
+def _deviation(figures: Mapping[str, Any], name: str) -> float | None:
+    return (figures.get("standard_deviations") or {}).get(name)
+
+
+def _with_deviation(value: Any, deviation: float | None) -> object:
+    """A figure to the decimals that its standard deviation has with two digits, at most four."""
+    if deviation is None:
+        return value
+    decimals = min(max(1 - math.floor(math.log10(deviation)), 0), 4) if deviation > 0 else 4
+    return html.Shown(value, f"{value:.{decimals}f} ± {deviation:.{decimals}f}")
 
 
 def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
@@ -206,5 +243,5 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     refused = sum(posed.refused for posed in objects)
     below = f"a confidence below {least_confidence:g}"
     lead = f"{LEAD} " + (f"{refused} of {len(objects)} have {below}." if refused else f"None has {below}.")
-    definitions = {name: text for name, text in DEFINITIONS.items() if name in rows(objects[:1])[0]}
+    definitions = define([*rows(objects[:1])[0]], [posed.figures for posed in objects])
     return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))

@@ -18,14 +18,14 @@ from ...pose.crop import CROP_FILL, CROP_SIDE, ObjectCrop, crop_object
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
-from ...pose.result import warning
+from ...pose.result import pose_figures, warning
 from ...pose.similarity import Similarity, describe
 from ...render import Camera, Mesh, render, silhouette
 from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs, outlined
 from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
-from .pose_files import DEFINITIONS
+from .pose_files import define, show_figures
 
 HEIGHT = 320  # of the pictures of the overlay
 WIDEST = 1280  # width of a photograph there
@@ -96,15 +96,15 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    row = {"image": name, **{key: getattr(estimate, key) for key in _FIGURES}}
-    row |= {"azimuth": "any"} if estimate.any_azimuth else {}
+    figures = pose_figures(estimate)
+    row = {"image": name, **show_figures(figures, _FIGURES)}
     mind = warning(estimate)
     return html.page(
         f"Pose of {name}",
         LEAD if mind is None else f"{LEAD} Note: {mind}.",
         [row],
         sections,
-        {key: text for key, text in DEFINITIONS.items() if key in row},
+        define([*row], [figures]),
         html.footer("poses.json beside this page"),
     )
 
