@@ -160,6 +160,10 @@ def test_invert(page: Page) -> None:
 def test_fit(page: Page, folder: Path) -> None:
     page.open("#/fit")  # begins with a photograph of a chair
     page.until("document.querySelector('#source-name').textContent.includes('chair')")
+    assert page.read("document.querySelector('#principal-x').disabled")  # without a focal length
+    for name, value in (("#focal", 400), ("#principal-x", 110.5), ("#principal-y", 113)):
+        page.enter(name, value)
+    page.until("location.hash.includes('axis=110.5')")
     page.click("#fit-open")
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
@@ -184,12 +188,14 @@ def test_fit(page: Page, folder: Path) -> None:
     page.click("#pose-download")
     wait_for_file(folder / "downloads", ".json")
     assert "sample_chairs()['wooden-0']" in page.text("#fit-snippets")
+    assert "focal=400.0, principal_point=(110.5, 113.0)" in page.text("#fit-snippets")
     azimuth, there = page.read("document.querySelector('#pose-azimuth').value"), page.read("location.hash")
     assert "pose=" in there
     page.open(there)  # a reload returns to it
     page.until("document.querySelector('#scene').dataset.n > 0")
     page.idle()
     assert page.read("document.querySelector('#pose-azimuth').value") == azimuth
+    assert page.read("document.querySelector('#principal-x').value") == "110.5"
 
 
 @in_a_browser

@@ -119,6 +119,18 @@ def test_one_shot(client: TestClient) -> None:
     assert figures["settings"]["method"] == "best"
 
 
+def test_the_camera_of_the_photograph(client: TestClient) -> None:
+    asked = {**SCENE, "box": box(client), "initial": [30, 20], "method": "exhaustive"}
+    lens = {"focal": [320, 300], "principal_point": [100, 120]}
+    figures = client.post("/api/pose", json={**asked, **lens}).json()
+    assert figures["photograph_camera"]["camera_matrix"] == [[320, 0, 100], [0, 300, 120], [0, 0, 1]]
+    assert figures["principal_point"] == [100, 128]
+    assert figures["box"] == box(client)
+    answer = client.post("/api/pose", json={**asked, "principal_point": [100, 120]})
+    assert answer.status_code == 422
+    assert "needs a known focal length" in answer.json()["error"]
+
+
 def test_no_similarity_is_computed_that_nobody_gets(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Fitting, "similarity", None)
     asked = {**SCENE, "box": box(client), "initial": [30, 20], "method": "best"}

@@ -122,8 +122,8 @@ def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> N
     assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
-@pytest.mark.parametrize("focal", [None, 400.0])
-def test_of_a_pose(client: TestClient, tmp_path: Path, focal: float | None, run: Run) -> None:
+@pytest.mark.parametrize("camera", [{"focal": None}, {"focal": [400.0, 410.0], "principal_point": [100.5, 120.0]}])
+def test_of_a_pose(client: TestClient, tmp_path: Path, camera: dict[str, Any], run: Run) -> None:
     """Of a photograph whose file says a focal length, which the page may be told to ignore, and of a mesh with axes."""
     scene = Image.open(io.BytesIO(client.get("/api/photos/scene-chair").content)).convert("RGB")
     exif = Image.Exif()
@@ -142,14 +142,14 @@ def test_of_a_pose(client: TestClient, tmp_path: Path, focal: float | None, run:
         )
     )
     assert photo["focal"] == pytest.approx(366.0, abs=1)
-    opened = {"photo": photo["id"], "mesh": mesh["id"], "box": box(client), "focal": focal}
+    opened = {"photo": photo["id"], "mesh": mesh["id"], "box": box(client), **camera}
     with client.websocket_connect("ws://127.0.0.1:8765/api/fit") as socket:
         socket.send_json({"type": "open", **opened})
         until(socket, "ready")
         socket.send_json({"type": "fit"})
         fitted = until(socket, "fitted", "error")[-1]
     found = fitted["result"]
-    assert found["focal_length_from"] == ("assumed" if focal is None else "given")
+    assert found["focal_length_from"] == ("assumed" if camera["focal"] is None else "given")
     pose = run(fitted["snippets"])["pose"]
     (written,) = json.loads(Path("out/poses.json").read_text(encoding="utf-8"))["annotations"]
     for name in ("azimuth", "elevation", "distance", "confidence"):

@@ -206,7 +206,7 @@ class Fitting:
 
     def _overlay(self, estimate: PoseEstimate) -> Any:
         """The image with the model's outline."""
-        inside = silhouette(self.model.mesh, estimate.pose, estimate.camera)[0, 0] > 0.5
+        inside = silhouette(*estimate.render_arguments(self.model.mesh))[0, 0] > 0.5
         return outlined(self.image, inside.numpy())
 
 

@@ -133,7 +133,7 @@ class PoseEstimate(PoseGeometry):
             photograph: (C, H, W), the one of this estimate, as :func:`nablahog.estimate_pose` takes it.
 
         Returns:
-            (C, height, width), of the same dtype; unchanged if ``photograph_camera`` is None.
+            (C, height, width), in 0…1, of bytes float32; unchanged if ``photograph_camera`` is None.
 
         Raises:
             ValueError: it is of another size.

@@ -140,12 +140,11 @@ class IdealCamera:
             box: such as :attr:`whole`.
 
         Returns:
-            (C, h, w), of the photograph's dtype, by bicubic interpolation.
+            (C, h, w) in 0…1, by bicubic interpolation; of bytes float32.
         """
         left, top, right, bottom = map(int, box)
-        channels, dtype = len(photograph), photograph.dtype
-        picture = torch.empty(channels, bottom - top, right - left, dtype=dtype, device=photograph.device)
-        values, most = (photograph, 1.0) if dtype.is_floating_point else (photograph.float(), 255.0)
+        values = photograph if photograph.is_floating_point() else photograph.float() / 255
+        picture = values.new_empty(len(values), bottom - top, right - left)
         rows = max(1, STRIP_PIXELS // (right - left))
         for row in range(top, bottom, rows):
             end = min(row + rows, bottom)
@@ -154,8 +153,8 @@ class IdealCamera:
             grid = grid / grid.new_tensor([self.real.width, self.real.height]) * 2 - 1
             strip = functional.grid_sample(
                 values[None], grid[None].to(values), mode="bicubic", padding_mode="border", align_corners=False
-            )[0].clamp(0, most)
-            picture[:, row - top : end - top] = strip if dtype.is_floating_point else strip.round()
+            )
+            picture[:, row - top : end - top] = strip[0].clamp(0, 1)
         return picture
 
     def _limit(self, points: Tensor) -> Tensor:

@@ -2,11 +2,11 @@
 
 import { ServerError } from "./api.js";
 import { BoxPicker } from "./box.js";
+import { CameraInput } from "./camera.js";
 import { Curve } from "./curve.js";
 import { bringIntoSight, checked, debounce, element, enable, figure, make, onPress, prefersReducedMotion } from "./dom.js";
 import { addressOf } from "./files.js";
 import { FitResult } from "./fit_result.js";
-import { FocalInput } from "./focal.js";
 import { MeshChooser } from "./mesh.js";
 import { Options } from "./options.js";
 import { PoseControls, proper } from "./pose.js";
@@ -29,7 +29,7 @@ export class Fit {
   #photo = new LatestRequest("fit-progress");
   #options;
   #result;
-  #focal;
+  #camera;
   #start = element("fit-start", HTMLButtonElement);
   #stop = element("fit-stop", HTMLButtonElement);
   #shown = false;
@@ -54,8 +54,8 @@ export class Fit {
       (pose) => this.#askCurve(pose), () => this.#turn(this.#controls.value));
     this.#options = new Options("fit", app.about, app.address);
     this.#result = new FitResult(app.source);
-    this.#focal = new FocalInput(app.source, (text) => {
-      app.address.set({ focal: text || "none" });
+    this.#camera = new CameraInput(app.source, () => {
+      app.address.set({ focal: this.#camera.focal ?? "none", axis: this.#camera.principalPoint?.join(",") ?? null });
       this.#reopen();
     });
     this.restore();
@@ -76,13 +76,13 @@ export class Fit {
     if (this.#ready) this.#reopen();
   }
 
-  /** Takes box and focal length from the address, or else from the photograph. */
+  /** Takes box and camera from the address, or else from the photograph. */
   #restoreObject() {
     const { address, source: { value } } = this.app;
     const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
     const photo = value?.kind === "photo" ? value : null;
     this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : address.get("box") === null ? photo?.box ?? null : null);
-    this.#focal.set(Number(address.get("focal") ?? photo?.focal));
+    this.#camera.set(Number(address.get("focal") ?? photo?.focal), address.numbers("axis", 2));
   }
 
   /** @param {boolean} shown */
@@ -122,7 +122,7 @@ export class Fit {
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
-        focal: this.#focal.value });
+        focal: this.#camera.focal, principal_point: this.#camera.principalPoint });
     } catch (error) {
       this.#waits.end("open");
       showError(error);
