@@ -202,6 +202,17 @@ def test_rotation_errors_broadcast() -> None:
         rotation_error([0, float("nan"), 0], [0, 0, 0])
 
 
+def test_angles_that_have_no_pairs() -> None:
+    with pytest.raises(ValueError, match="shapes"):
+        azimuth_error([1, 2, 3], [1, 2])
+    with pytest.raises(ValueError, match="shapes"):
+        same_view([1, 2, 3], [1, 2], 4)
+    with pytest.raises(ValueError, match="shapes"):
+        rotation_error(np.zeros((2, 3)), np.zeros((5, 3)))
+    with pytest.raises(TypeError, match="real numbers"):
+        azimuth_error([[1, 2], [3]], 10)  # type: ignore[list-item]
+
+
 def test_no_azimuth() -> None:
     for bad in (float("nan"), float("inf")):
         with pytest.raises(ValueError, match="expected angles in degrees, got NaN or infinity"):

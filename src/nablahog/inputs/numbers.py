@@ -22,10 +22,16 @@ LONGEST_SIDE = 1_000_000  # in pixels or cells
 
 
 def as_plain(value: Any) -> Any:
-    """Numbers of NumPy and PyTorch as those of Python; lists, arrays and tensors as tuples; all else as it is."""
+    """Numbers of NumPy, PyTorch and enumerations as those of Python; lists, arrays and tensors as tuples; all else as
+    it is."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    return tuple(map(as_plain, value)) if isinstance(value, tuple | list) else value
+    if isinstance(value, tuple | list):
+        return tuple(map(as_plain, value))
+    for kind in (int, float):  # of their subclasses
+        if isinstance(value, kind) and not isinstance(value, bool):
+            return kind(value)
+    return value
 
 
 def parse_numbers(text: str) -> Any:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..inputs.numbers import as_plain, shortened
+from ..inputs.arrays import as_array
+from ..inputs.numbers import as_integer
 
 VIEW_COUNTS = (4, 8, 16, 24)  # how many equal sectors the azimuth is divided into, for the columns of Table 2
+MOST_VIEWS = 2**16
 
 
 def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -24,12 +26,14 @@ def azimuth_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
         Degrees in 0…180.
 
     Raises:
-        ValueError: an azimuth is NaN or infinite.
+        TypeError: an azimuth is no real number.
+        ValueError: an azimuth is NaN or infinite, or the shapes do not broadcast.
 
     >>> nablahog.metrics.azimuth_error([350, 90], 10).tolist()
     [20.0, 80.0]
     """
-    difference = np.mod(_read_angles(estimate) - _read_angles(truth), 360)
+    first, second = _read_pair(estimate, truth)
+    difference = np.mod(first - second, 360)
     error: NDArray[np.float64] = np.minimum(difference, 360 - difference)
     return error
 
@@ -42,17 +46,19 @@ def view(azimuth: ArrayLike, views: int) -> NDArray[np.int64]:
 
     Args:
         azimuth: degrees, finite, of any shape.
-        views: at least 1.
+        views: 1 … 65,536.
 
     Returns:
         0…views - 1, of the same shape.
 
     Raises:
-        ValueError: an azimuth is NaN or infinite.
+        TypeError: an azimuth is no real number.
+        ValueError: an azimuth is NaN or infinite, or ``views`` is no such integer.
 
     >>> nablahog.metrics.view([0, 44, 46, 350], views=4).tolist()
     [0, 0, 1, 0]
     """
+    views = _read_views(views)
     edges = (np.arange(views) + 0.5) * (360 / views)
     turned = np.mod(_read_angles(azimuth), 360)
     return np.where(turned > edges[-1], 0, np.searchsorted(edges[:-1], turned, side="right"))
@@ -71,7 +77,8 @@ def same_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.b
     >>> nablahog.metrics.same_view([10, 350], 20, views=8).tolist()  # view 0 is -22.5…22.5
     [True, True]
     """
-    return np.equal(view(estimate, views), view(truth, views))
+    first, second = _read_pair(estimate, truth)
+    return np.equal(view(first, views), view(second, views))
 
 
 def near_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.bool_]:
@@ -89,7 +96,7 @@ def near_view(estimate: ArrayLike, truth: ArrayLike, views: int) -> NDArray[np.b
     >>> nablahog.metrics.near_view([10, 350], 40, views=8).tolist()  # less than 45° apart
     [True, False]
     """
-    return np.less(azimuth_error(estimate, truth), 360 / views)
+    return np.less(azimuth_error(estimate, truth), 360 / _read_views(views))
 
 
 def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
@@ -106,7 +113,8 @@ def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]
         Degrees in 0…180, (…).
 
     Raises:
-        ValueError: the last axis is not of length 3, or an angle is NaN or infinite.
+        TypeError: an angle is no real number.
+        ValueError: the last axis is not of length 3, an angle is NaN or infinite, or the shapes do not broadcast.
 
     Source: Tulsiani and Malik, Viewpoints and Keypoints (CVPR 2015), Section 4.2.
 
@@ -116,7 +124,7 @@ def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]
     >>> round(float(nablahog.metrics.rotation_error(*near_the_pole)), 6)
     90.0
     """
-    first, second = _rotations(estimate), _rotations(truth)
+    first, second = map(_rotations, _read_pair(estimate, truth))
     # a unit vector turned by an angle α about the axis of the rotation: sin α from R − Rᵀ, cos α from the trace
     turn = first @ np.swapaxes(second, -1, -2)
     skew = turn - np.swapaxes(turn, -1, -2)
@@ -126,9 +134,8 @@ def rotation_error(estimate: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]
     return error
 
 
-def _rotations(angles: ArrayLike) -> NDArray[np.float64]:
+def _rotations(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
     """From the object's frame to the camera's, (…, 3, 3): its rows are the camera's axes right, down and forward."""
-    degrees = _read_angles(angles)
     if degrees.shape[-1:] != (3,):
         raise ValueError(f"expected azimuth, elevation and theta along the last axis, got shape {degrees.shape}")
     azimuth, elevation, theta = np.moveaxis(np.radians(degrees), -1, 0)
@@ -140,10 +147,27 @@ def _rotations(angles: ArrayLike) -> NDArray[np.float64]:
     return np.stack([ct * right + st * down, ct * down - st * right, forward], axis=-2)
 
 
+def _read_pair(estimate: ArrayLike, truth: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Angles of shapes that broadcast."""
+    first, second = _read_angles(estimate), _read_angles(truth)
+    try:
+        np.broadcast_shapes(first.shape, second.shape)
+    except ValueError:
+        raise ValueError(
+            f"expected as many true angles as estimated ones, or one for all, got shapes {first.shape} and "
+            f"{second.shape}"
+        ) from None
+    return first, second
+
+
 def _read_angles(angle: ArrayLike) -> NDArray[np.float64]:
-    values = np.asarray(as_plain(angle))
-    if values.dtype.kind not in "uif":
-        raise TypeError(f"expected angles in degrees, numbers or arrays of them, got {shortened(angle)}")
+    values = as_array("an angle in degrees", angle)
+    if values.dtype.kind == "b":
+        raise TypeError("expected angles in degrees, numbers or arrays of them, got truth values")
     if not np.isfinite(values).all():
         raise ValueError("expected angles in degrees, got NaN or infinity")
     return values.astype(np.float64)
+
+
+def _read_views(views: int) -> int:
+    return as_integer("views", views, 1, MOST_VIEWS)

@@ -181,6 +181,13 @@ COLUMNS = [
         },
     ),
     Column(
+        "metrics of views",
+        {
+            "number": number(lambda n: metrics.view([0.0, 44, 46, 350], n), 4),
+            "angle": angle(lambda a: metrics.near_view(a, 31, 8), 30.0),
+        },
+    ),
+    Column(
         "compat.skimage",
         {
             "image": image(lambda x: skimage.hog(x, channel_axis=-1 if getattr(x, "ndim", 2) == 3 else None)),

@@ -18,7 +18,7 @@ from ..table import Kind, Row
 TENSOR = torch.tensor
 LARGE = 10**30
 LIMITS = dict.fromkeys(("stream", "train_prior", "Search"), "the number is a limit, and this one is none")
-VECTORS = {"metrics": "takes angles of any shape"}
+VECTORS = dict.fromkeys(("metrics", "metrics of views"), "takes angles of any shape")
 THRESHOLD = {"compat.opencv": "a threshold may be any number, as in OpenCV"}
 LEFT_OUT = {
     "very large": LIMITS,
@@ -37,6 +37,8 @@ def scalars(kind: Kind, of: type) -> list[Row]:
         "np.uint16": np.uint16,
         "array ()": np.array,
         "tensor int64": lambda n: TENSOR(int(n)),
+        "of an enumeration": lambda n: enum.IntEnum("Number", {"N": int(n)}).N,
+        "of a subclass": lambda n: type("Number", (of,), {})(n),
     }
     if of is float:
         forms |= {
@@ -96,6 +98,7 @@ SIZES = [
             "tensor": TENSOR,
             "torch.Size": torch.Size,
             "tensors": lambda s: tuple(map(TENSOR, s)),
+            "of an enumeration": lambda s: tuple(enum.IntEnum("Side", {"H": s[0], "W": s[1]}).__members__.values()),
         }.items()
     ],
     Row("size one number", "size", lambda s: s[0], means=lambda s: (s[0], s[0])),
