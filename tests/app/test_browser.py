@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
 import subprocess
@@ -96,16 +95,15 @@ def wait_for_file(folder: Path, ending: str) -> None:
 
 @in_a_browser
 def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
-    """One row of scikit-image's, of which the page finds out parameters and size."""
-    file = io.BytesIO()
-    np.save(file, feature.hog(data.camera()[100:164, 200:264], cells_per_block=(2, 2)).astype(np.float32))
-    (tmp_path / "mine.npy").write_bytes(file.getvalue())
+    """One row, which no normaliser has made: the presets whose descriptors have its length come first."""
+    row = feature.hog(data.camera()[100:164, 200:264], cells_per_block=(2, 2)).astype(np.float32)
+    np.save(tmp_path / "mine.npy", row * np.random.default_rng(0).uniform(1, 2, row.size))
     page.open("#/see")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.npy"))
     page.until("!document.querySelector('#question').hidden")
     assert "which library" in page.text("#question")
     page.read("document.querySelector('#question').requestSubmit()")
-    page.until("document.querySelector('#shape').textContent.includes('skimage')")
+    page.until("document.querySelector('#shape').textContent.includes('paper')")
     page.idle()
     refused_and_expected(page)
 
@@ -196,6 +194,24 @@ def test_fit(page: Page, folder: Path) -> None:
     page.idle()
     assert page.read("document.querySelector('#pose-azimuth').value") == azimuth
     assert page.read("document.querySelector('#principal-x').value") == "110.5"
+
+
+@in_a_browser
+def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> None:
+    """What is chosen from is folded above the view, and folds again after a choice."""
+    folded = "!document.querySelector('#choose').open"
+    with browsing(tmp_path, 390, 844) as driver:
+        page = Page(driver, address)
+        for view, selector in (("see", "#picture"), ("invert", "#invert-start"), ("fit", "#box-canvas")):
+            page.open(f"#/{view}")
+            page.idle()
+            assert page.read(folded)
+            assert page.read(f"document.querySelector('{selector}').getBoundingClientRect().top < innerHeight * 2 / 3")
+        page.read("document.querySelector('#choose > summary').click()")
+        page.click("#samples button:nth-child(2)")
+        page.until(folded)
+        assert page.read("document.activeElement.localName") in ("summary", "body")
+        page.idle()
 
 
 @in_a_browser

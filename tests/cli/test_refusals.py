@@ -20,7 +20,7 @@ from .common import CHELSEA, FAST
 BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
     "an empty folder": (lambda path: (path.unlink(), path.mkdir()), "expected a file, or a folder of files"),
-    "no image": (lambda path: path.write_text("hello"), "expected an image, got a file of no format that Pillow reads"),
+    "no image": (lambda path: path.write_text("hello"), "expected an image, got a file that is none"),
     "smaller than a cell": (lambda path: Image.fromarray(CHELSEA[:3]).save(path), "at least one cell of 8x8 pixels"),
 }
 

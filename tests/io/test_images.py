@@ -219,7 +219,7 @@ def test_no_picture(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="got a special file"):
         read_image(tmp_path / "pipe")
     (tmp_path / "text.png").write_text("hello")
-    with pytest.raises(ValueError, match="no format that Pillow reads"):
+    with pytest.raises(ValueError, match="expected an image, got a file that is none"):
         read_image(tmp_path / "text.png")
 
 

@@ -89,7 +89,9 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
                 f"environment variable {PIXELS_VARIABLE} allows more"
             ) from None
         except UnidentifiedImageError:
-            raise ValueError(f"{file}: expected an image, got a file of no format that Pillow reads") from None
+            raise ValueError(
+                f"{file}: expected an image, got a file that is none, or of an unknown format: save it as PNG or JPEG"
+            ) from None
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything

@@ -70,14 +70,15 @@ export function fill(select, choices, value) {
  * @param {string[]} head
  * @param {string[][]} rows the first entry of each heads its row
  * @param {number[]} [numbers]
+ * @param {{[heading: string]: string}} [about] a few words below the headings of rows
  */
-export function table(caption, head, rows, numbers = []) {
+export function table(caption, head, rows, numbers = [], about = {}) {
   const kind = (/** @type {number} */ column) => numbers.includes(column) ? "number" : null;
   return make("table", {},
     make("caption", {}, caption),
     make("thead", {}, make("tr", {}, ...head.map((each, i) => make("th", { scope: "col", class: kind(i) }, each)))),
     make("tbody", {}, ...rows.map((row) => make("tr", {}, ...row.map((each, i) => i === 0
-      ? make("th", { scope: "row", class: kind(0) }, each)
+      ? make("th", { scope: "row", class: kind(0) }, each, ...about[each] ? [make("small", { class: "note" }, about[each])] : [])
       : make("td", { class: kind(i) }, each))))));
 }
 

@@ -14,6 +14,9 @@ import { wipe } from "./wipe.js";
 /** Milliseconds between frames for readers who want less motion. */
 const REDUCED = 500;
 
+const ABOUT = { Distance: "of the descriptors, 0 if equal", CC: "correlation with the photograph, −1 … 1",
+  SSIM: "structural similarity, 1 if equal", MI: "mutual information, bits", PSNR: "signal to noise" };
+
 export class Invert {
   #options;
   #start = element("invert-start", HTMLButtonElement);
@@ -266,7 +269,7 @@ export class Invert {
   /** @param {[string, string][]} rows */
   #figures(rows) {
     element("figures", HTMLElement).replaceChildren(
-      table("Figures", ["Figure", "Value"], rows.filter(([, value]) => value !== "–"), [1]));
+      table("Figures", ["Figure", "Value"], rows.filter(([, value]) => value !== "–"), [1], ABOUT));
   }
 
   async #descriptor() {

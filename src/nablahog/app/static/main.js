@@ -37,7 +37,7 @@ function start(about) {
     source.say();
     const described = source.value?.kind === "descriptor";
     // a descriptor from a file knows how it was made
-    element("dialect", HTMLElement).hidden = address.view === "fit" || described;
+    for (const id of ["dialect", "choose-dialect"]) element(id, HTMLElement).hidden = address.view === "fit" || described;
     for (const each of document.querySelectorAll("[data-photo-only]")) {
       if (each instanceof HTMLElement) each.hidden = described;
     }
@@ -54,9 +54,18 @@ function start(about) {
     if (address.view === "invert") invert.show();
     fit.show(address.view === "fit");
   };
+  const wide = matchMedia("(min-width: 60rem)"), choose = element("choose", HTMLDetailsElement);
+  // beside the view, or folded above it
+  const fold = () => {
+    const open = wide.matches || !source.value;
+    if (!open && choose.contains(document.activeElement)) choose.querySelector("summary")?.focus();
+    choose.open = open;
+  };
+  wide.addEventListener("change", fold);
   source.addEventListener("change", () => {
     see.refresh();
     show();
+    fold();
   });
   address.addEventListener("view", show);
   /** @type {HTMLInputElement | null} the one that the error is about */
@@ -81,6 +90,7 @@ function start(about) {
   element("version", HTMLElement).textContent = about.version;
   element("page", HTMLElement).hidden = false;
   show();
+  fold();
   document.body.dataset.ready = "true";
 }
 

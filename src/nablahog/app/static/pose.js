@@ -7,7 +7,10 @@ import { element, figure, make, numberOf, table } from "./dom.js";
 const NAMES = ["azimuth", "elevation", "distance", "theta", "x", "y"];
 
 const RANGES = [[0, 360, 0.5], [-90, 90, 0.5], [1, 10, 0.01], [-180, 180, 0.5], [-64, 64, 0.25], [-64, 64, 0.25]];
-const UNITS = ["degrees", "degrees", "diagonals", "degrees", "pixels to the right", "pixels down"];
+const UNITS = ["degrees", "degrees", "diagonals", "degrees", "pixels of the crop, to the right", "pixels of the crop, down"];
+
+const ABOUT = { x: "pixels of the photograph, to the right", y: "pixels of the photograph, down",
+  similarity: "of smaller cells than the one beside the sliders" };
 
 /** @param {number} angle */
 export const round360 = (angle) => ((angle % 360) + 360) % 360;
@@ -37,15 +40,14 @@ export function poseTables(result) {
     figure(result[name], digits) + (deviations[name] == null ? "" : ` ± ${figure(deviations[name], digits)}`);
   const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
   /** @type {HTMLElement[]} */
-  const nodes = [table("The pose in the photograph (the sliders show it in the crop)", ["Figure", "Value"], [
+  const nodes = [table("The pose in the photograph", ["Figure", "Value"], [
     ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]), ["focal length", focal],
-    ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1])];
+    ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1], ABOUT)];
   const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
   nodes.push(make("p", { class: "note" }, `${same}${confidence === null
     ? "This method does not say how sure it is; “best” does."
     : `Confidence ${figure(confidence, 2)}: of earlier poses with this confidence, about ${Math.min(99, Math.round(100 * confidence))} % were right, `
       + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same. "
-      + "The similarity here is that of smaller cells. "
       + "If the pose is right, the true value is within ± (one standard deviation) in 68 of 100."}`));
   if (others.length) {
     nodes.push(table("Runners-up: the best poses from other sides, and their share of the best similarity", ["Azimuth", "Elevation", "Share"],

@@ -48,6 +48,7 @@ export function ask(sentence, question, before, about, send) {
   };
   cancel.addEventListener("click", close);
   form.hidden = false;
+  element("choose", HTMLDetailsElement).open = true;
   const first = form.querySelector("select, input");
   if (first instanceof HTMLElement) first.focus();
 }

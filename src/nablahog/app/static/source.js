@@ -123,7 +123,9 @@ export class SourceChooser extends EventTarget {
     const photo = source?.kind === "photo" ? source : null, array = source?.kind === "descriptor" ? source : null;
     const size = photo?.width ? `, ${photo.width} × ${photo.height} pixels` : "";
     const kind = photo ? "" : array?.template ? ", detector template" : `, descriptor${array?.decided ?? ""}`;
-    element("source-name", HTMLElement).textContent = `${source?.name || "Photograph"}${size}${kind}`;
+    const name = source?.name || "Photograph";
+    element("source-name", HTMLElement).textContent = `${name}${size}${kind}`;
+    element("chosen", HTMLElement).textContent = name;
     for (const button of document.querySelectorAll("#samples button")) {
       button.setAttribute("aria-pressed", String(button instanceof HTMLElement && button.dataset.id === photo?.id));
     }

@@ -57,7 +57,7 @@ def hog(commands: argparse._SubParsersAction[Parser]) -> None:
         nargs="+",
         type=options.typed(read_path),
         metavar="PHOTO",
-        help=f"an image of any format that Pillow reads; {SEVERAL}; for a data set also a URL or pattern of fsspec, "
+        help=f"an image (JPEG, PNG, TIFF, WebP and others); {SEVERAL}; for a data set also a URL or pattern of fsspec, "
         "such as s3://bucket/*.jpg, and @FILE, a list with one of these per line",
     )
     options.output(
