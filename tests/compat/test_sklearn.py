@@ -14,6 +14,7 @@ pytest.importorskip("sklearn")
 from PIL import Image
 from sklearn.base import clone
 from sklearn.datasets import load_digits
+from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.svm import LinearSVC
 from sklearn.utils.estimator_checks import check_estimator
@@ -49,6 +50,45 @@ def test_digits_are_recognised() -> None:
     spec = presets.uoctti(4)
     pipeline = make_pipeline(HOGTransformer(spec, image_size=(8, 8)), LinearSVC(random_state=0))
     assert clone(pipeline).fit(digits[:400] / 16, names[:400]).score(digits[400:600] / 16, names[400:600]) > 0.7
+
+
+def test_a_grid_search_varies_parameters_of_presets() -> None:
+    """Cells of a digit of 8x8 pixels that leave nothing of its shape are not the best ones."""
+    digits, names = load_digits(return_X_y=True)
+    pipeline = make_pipeline(HOGTransformer("skimage", image_size=(8, 8)), LinearSVC(random_state=0))
+    grid = [
+        {
+            "hogtransformer__pixels_per_cell": [(8, 8), (4, 4)],
+            "hogtransformer__cells_per_block": [(1, 1)],
+        },
+        {"hogtransformer__spec": ["uoctti"], "hogtransformer__cell_size": [8, 4]},
+    ]
+    search = GridSearchCV(pipeline, grid, cv=2).fit(digits[:200] / 16, names[:200])
+    scores = search.cv_results_["mean_test_score"]
+    assert scores[1] > scores[0] + 0.1
+    assert scores[3] > scores[2] + 0.1
+    assert np.isfinite(scores).all()
+
+
+@pytest.mark.filterwarnings("ignore")  # of numbers beyond 0…1
+def test_parameters_of_presets() -> None:
+    chosen = HOGTransformer("skimage", pixels_per_cell=(4, 8), orientations=6)
+    check_estimator(HOGTransformer("uoctti", cell_size=4))
+    assert chosen.get_params()["pixels_per_cell"] == (4, 8)
+    assert clone(chosen).get_params() == chosen.get_params()
+    assert "pixels_per_cell=(4, 8)" in repr(chosen)
+    spec = presets.skimage(pixels_per_cell=(4, 8), orientations=6)
+    expected = hog(IMAGES, spec).reshape(2, -1)  # type: ignore[call-overload]
+    np.testing.assert_array_equal(clone(chosen).fit_transform(IMAGES), expected)
+    assert set(clone(chosen).set_params(spec="uoctti", cell_size=4).get_params()) == {
+        *("spec", "image_size", "layout", "cell_size")
+    }
+    with pytest.raises(ValueError, match="did you mean 'pixels_per_cell'"):
+        HOGTransformer("skimage", pixel_per_cell=(4, 4)).fit(IMAGES)
+    with pytest.raises(ValueError, match="skimage has no parameter 'cell_size'"):
+        chosen.set_params(cell_size=4)
+    with pytest.raises(ValueError, match="the name of a preset"):
+        HOGTransformer(presets.uoctti(), cell_size=4).fit(IMAGES)
 
 
 IMAGES = (np.random.default_rng(0).random((2, 24, 32, 3)) * 255).astype(np.uint8)
