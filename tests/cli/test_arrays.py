@@ -87,6 +87,12 @@ def test_pickles_are_answered_with_the_line_that_saves_their_weights(
     assert not (tmp_path / "gone off").exists()
 
 
+def test_weights_of_unknown_origin_are_not_taken_for_a_descriptor(tmp_path: Path, refused: Callable[..., None]) -> None:
+    path = str(tmp_path / "coef.npy")
+    np.save(path, np.random.default_rng(0).normal(size=(1, 3780)))
+    refused("invert", path, "-o", str(tmp_path / "out"), message="weights of a detector: expected --template")
+
+
 def test_a_matrix(
     tmp_path: Path, array: NDArray[np.float32], refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -107,6 +107,12 @@ def test_files_that_unpack_to_too_much_are_refused(tmp_path: Path) -> None:
         HOGDescriptor(tmp_path / "a.yml.gz")
 
 
+def test_a_large_svm_is_answered_with_the_line_that_saves_its_weights(tmp_path: Path) -> None:
+    (tmp_path / "svm.yml").write_bytes(b"%YAML:1.0\n---\nopencv_ml_svm:\n" + b" " * 2**23)
+    with pytest.raises(ValueError, match="getSupportVectors"):
+        HOGDescriptor(tmp_path / "svm.yml")
+
+
 def test_a_packed_file_that_is_cut_is_refused(tmp_path: Path) -> None:
     packed = gzip.compress((FILE + "   nlevels: 7\n").encode())
     (tmp_path / "a.yml.gz").write_bytes(packed)

@@ -44,6 +44,8 @@ def word_error(error: Exception) -> str:
     """The sentence of an error, with the options that help."""
     if not isinstance(error, InputError):
         return name_options(str(error))
+    if error.facts.get("weights") and error.about == "preset":
+        return f"{error}, and many entries are negative, as in the weights of a detector: expected --template"
     suggestions = error.facts.get("fitting", [])
     if error.about in ("preset", "image size") and suggestions and not suggestions[0].is_detector:
         return f"{error}{_undecided(suggestions)}"

@@ -237,7 +237,10 @@ class _Reader:
         except ValueError as error:
             if not isinstance(request, GlyphRequest) or file.ending in image_endings():
                 raise
-            raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
+            raise ValueError(
+                f"{error}; arrays are read from .npy, .npz and .mat files, with --template also what OpenCV's "
+                "HOGDescriptor saved (.yml, .xml, .json)"
+            ) from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE
         return [from_photo(file.name, stem, photo, request.spec, size=request.size, shrunk=shrunk)]

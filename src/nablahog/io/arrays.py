@@ -19,7 +19,10 @@ from ..runtime.text import one_line
 from .files import Writable, replacing
 from .input_file import InputFile, Readable, input_file
 
-PICKLED = "pickled objects, which are never loaded: write numbers, as array.astype(float) makes them"
+PICKLED = (
+    "pickled objects, which are never loaded: write numbers, as array.astype(float) makes of numbers, and "
+    "numpy.stack(array) of vectors"
+)
 MAX_ARCHIVE_BYTES = (
     2**28
 )  # that an archive may unpack to: a descriptor of 138 megapixels with 31 channels and cells of 8
@@ -105,7 +108,7 @@ def is_raw(path: Readable) -> bool:
 
 
 def refuse_pickle(path: Readable) -> None:
-    """Raises ValueError, with the line that saves a classifier's weights, if ``path`` is a file of pickle or joblib."""
+    """Raises ValueError, with the line that saves its numbers, if ``path`` is a file of pickle or joblib."""
     file = input_file(path)
     if file.ending not in PICKLE_ENDINGS and not any(file.starts_as(".pkl", start) for start in PICKLE_STARTS):
         return
@@ -115,7 +118,8 @@ def refuse_pickle(path: Readable) -> None:
     module = load.partition(".")[0]
     raise ValueError(
         f"{file}: a pickle is never loaded, because loading runs code. Where you trust it, this writes a classifier's "
-        f"weights: import {module}, numpy; numpy.save('weights.npy', {load}.coef_)"
+        f"weights: import {module}, numpy; numpy.save('weights.npy', {load}.coef_); write [-1].coef_ for a pipeline, "
+        "and nothing after the bracket for an array"
     )
 
 

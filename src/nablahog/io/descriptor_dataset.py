@@ -137,7 +137,11 @@ class DescriptorDataset(Sequence[Row]):
         self.url = url
         manifest = read_manifest(url)
         if manifest is None:
-            raise FileNotFoundError(f"{url}: no such data set of descriptors (part-*.parquet and {MANIFEST})")
+            raise FileNotFoundError(
+                f"{url}: no such data set of descriptors, a folder of part-*.parquet and {MANIFEST}; "
+                "a column of another Parquet file is read as an array: "
+                "numpy.save('v.npy', numpy.stack(pandas.read_parquet(FILE)['COLUMN']))"
+            )
         self.spec = manifest.spec
         self._system, self._folder = fsspec.core.url_to_fs(url)
         self._shards = _all_shards(url, manifest)

@@ -23,6 +23,7 @@ from .inversion import GlyphRequest
 Size: TypeAlias = tuple[int, int]
 
 MOST_SUGGESTED = 6
+NEGATIVE = 0.1  # share of negative entries that no descriptor has
 
 
 @dataclass(frozen=True)
@@ -125,13 +126,16 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
 
 @contextmanager
 def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[None]:
-    """Turns a ValueError of the block into an InputError with the requests that fit the array, as ``fitting``."""
+    """Turns a ValueError of the block into an InputError with the requests that fit the array, as ``fitting``.
+
+    Its fact ``weights`` says whether the numbers may be the weights of a detector.
+    """
     try:
         yield
     except ValueError as error:
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
         asked = request if about == "image size" else replace(request, preset=None, settings={})
-        facts = {"shape": array.shape, "fitting": suggest(array, asked)}
+        facts = {"shape": array.shape, "fitting": suggest(array, asked), "weights": bool(np.mean(array < 0) > NEGATIVE)}
         raise InputError(str(error), about, facts) from None
 
 

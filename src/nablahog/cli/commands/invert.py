@@ -18,6 +18,7 @@ import torch
 from ...io.files import forbid_overwrite, output_folder, write_text
 from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import local_path
+from ...requests.arrays import NEGATIVE
 from ...requests.inversion import GlyphRequest, InvertRequest
 from ...requests.options import changed
 from ...requests.sources import Source
@@ -37,7 +38,6 @@ from ..terminal import counter, inform, print_table, say, say_page
 
 NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
-NEGATIVE = 0.1  # share of negative entries that no descriptor has
 WRITE_INTERVAL = 10.0  # seconds after which results.json is written again
 
 _STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are not pictures
