@@ -50,6 +50,13 @@ def test_poses_cannot_be_mapped_over() -> None:
         torch.func.vmap(lambda at: render(triangle(), at[None], CAMERA))(pose(20))
 
 
+def test_a_background_of_one_level_has_its_derivative() -> None:
+    level = torch.tensor(0.5, dtype=torch.float64, requires_grad=True)
+    render(triangle(), pose(20), CAMERA, background=level).sum().backward()
+    bright, dark = (render(triangle(), pose(20), CAMERA, background=behind).double().sum() for behind in (0.6, 0.4))
+    assert float(level.grad) == pytest.approx(float(bright - dark) / 0.2, rel=1e-4)  # type: ignore[arg-type]
+
+
 def test_backgrounds_are_numbers_tensors_and_arrays() -> None:
     expected = render(triangle(), pose(20), CAMERA, background=0.5)
     for background in (torch.tensor(0.5), np.array(0.5), np.full((32, 24), 0.5, np.float32)):

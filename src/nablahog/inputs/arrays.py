@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..runtime.text import describe_type
-from .pil_images import is_pil, pil_pixels
+from .pil_images import is_pil, load_pixels, pil_pixels
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -33,6 +33,8 @@ ITEMS = "one call for each of them, or torch.stack or np.stack of those of one s
 SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
 FEW_VALUES = 2**12  # values that are all looked at
 LEVEL_OVERSHOOT = 1.0  # above white; filters overshoot by less
+
+AS_GRAY = "image.convert('L') of a PIL image, image[..., 0] of an array (H, W, 1), image[0] of a tensor (1, H, W)"
 
 # of a sentence on dtypes
 WHITE = "; divide by the value of white: write images / 65535 for 16 bits, images / 255 for 8, images / 1 for bool"
@@ -59,7 +61,7 @@ def as_images(name: str, images: object) -> tuple[Tensor, bool]:
     else:
         raise TypeError(
             f"{name} must be a torch tensor (B, C, H, W), a NumPy array (H, W) or (H, W, C), or a PIL image, got "
-            f"{describe_type(images, path='PIL.Image.open(path)', items=ITEMS)}"
+            f"{describe_type(images, path='PIL.Image.open(path)', items=ITEMS)}{_advise_on_holder(images)}"
         )
     if array.ndim == 2:
         return as_tensor(name, array)[None, None], True
@@ -70,6 +72,11 @@ def as_images(name: str, images: object) -> tuple[Tensor, bool]:
         )
     tensor = as_tensor(name, array)
     return (tensor if array.ndim == 4 else tensor[None]).permute(0, 3, 1, 2), array.ndim == 3
+
+
+def _advise_on_holder(value: object) -> str:
+    """What to write for what becomes an array, as tables and files of arrays do."""
+    return ": write np.asarray(…) of it" if hasattr(value, "__array__") or hasattr(value, "__dlpack__") else ""
 
 
 def advise_on_axes(shape: tuple[int, ...]) -> str:
@@ -201,7 +208,7 @@ def as_descriptors(name: str, descriptor: object) -> tuple[Tensor, bool]:
         return descriptor, False
     if not isinstance(descriptor, np.ndarray):
         came = describe_type(descriptor, path="nablahog.load_descriptor(path).descriptor", items=ITEMS)
-        raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {came}")
+        raise TypeError(f"{name} must be a torch tensor or a NumPy array, got {came}{_advise_on_holder(descriptor)}")
     tensor = as_tensor(name, descriptor)
     return (tensor[None], True) if tensor.dim() == 3 else (tensor, False)
 
@@ -238,9 +245,12 @@ def as_array(name: str, values: object) -> NDArray[Any]:
         values = values.detach().cpu().resolve_neg().resolve_conj()
         values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
     check_unmasked(name, values)
+    if is_pil(values):
+        load_pixels(name, values)  # type: ignore[arg-type]
     with suppress(TypeError, ValueError, OverflowError, RuntimeError):
         array = np.asarray(values)
-        array = array.astype(np.float64) if array.dtype == object else array
+        if array.dtype == object and not any(value is None for value in array.flat):  # which would be NaN
+            array = array.astype(np.float64)
         if array.dtype.kind in "uifb":
             return array
     came = describe_type(values, path="PIL.Image.open(path)", items=ITEMS)
@@ -254,11 +264,15 @@ def as_array(name: str, values: object) -> NDArray[Any]:
 
 
 def check_dense(name: str, tensor: Tensor) -> None:
-    """Raises TypeError for a nested or sparse tensor, whose numbers the loops cannot read."""
+    """Raises TypeError for a nested, sparse or quantized tensor, whose numbers the loops cannot read."""
     if tensor.is_nested:
         raise TypeError(f"{name} must be a dense tensor, got a nested one: write one call for each of its parts")
     if tensor.layout is not torch.strided:
         raise TypeError(f"{name} must be a dense tensor, got {tensor.layout}: write tensor.to_dense()")
+    if tensor.is_quantized:
+        raise TypeError(f"{name} must hold plain numbers, got {tensor.dtype}: write tensor.dequantize()")
+    if tensor.is_floating_point() and tensor.element_size() < 2:  # float8, which has no arithmetic
+        raise TypeError(f"{name} must be floats of at least 16 bits, got {tensor.dtype}: write tensor.float()")
 
 
 def check_shape(name: str, tensor: object, shape: tuple[int | str, ...]) -> Tensor:

@@ -68,6 +68,8 @@ def _read_batch(name: str, images: object, is_single: bool = False) -> NDArray[A
 
 
 def _advise_on_batch(shape: tuple[int, ...], is_single: bool) -> str:
+    if is_single and len(shape) == 4:
+        return "write image[0] for each of them, or one array of all images"
     if len(shape) != (3 if is_single else 4):
         return f"write array.reshape({'' if is_single else '-1, '}height, width)"
     if shape[-3] in (1, 3) or shape[-1] == 4:

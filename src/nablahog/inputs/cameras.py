@@ -67,7 +67,8 @@ def as_camera(
         distortion: as :func:`as_distortion` takes it; None for none.
 
     Raises:
-        ValueError: they are none of these, contradict each other, or belong to a photograph of another size.
+        ValueError: they are none of these, contradict each other, or belong to a photograph of another size; or the
+            principal point is not in pixels.
     """
     coefficients = (0.0,) * 5 if distortion is None else as_distortion("distortion", distortion)
     point = None if principal_point is None else as_numbers("principal_point", principal_point, "x, y")
@@ -94,6 +95,16 @@ def as_camera(
             f"diagonals of the photograph, got {_write_pair(fx, fy)} for {height}x{width} pixels; convert millimetres "
             f"by the factor {diagonal:.0f} / diagonal of the sensor in millimetres, 43.3 if the lens is named by its "
             "equivalent for 35mm film"
+        )
+    if 0 <= cx <= 1 < width and 0 <= cy <= 1 < height:
+        raise ValueError(
+            f"the principal point must be in pixels from the upper left corner, got {(cx, cy)}: write (x * width, "
+            "y * height) of parts of the sides, or leave it out if it is not known"
+        )
+    if math.hypot(cx - width / 2, cy - height / 2) > LONGEST * diagonal:
+        raise ValueError(
+            f"the principal point must be within {LONGEST:g} diagonals of the photograph, got {(cx, cy)} for "
+            f"{height}x{width} pixels: it is in pixels"
         )
     return PhotographCamera(height, width, fx, fy, cx, cy, coefficients)
 

@@ -10,6 +10,7 @@ import json
 import math
 import numbers
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -25,7 +26,8 @@ def as_plain(value: Any) -> Any:
     """Numbers of NumPy, PyTorch and enumerations as those of Python; lists, arrays and tensors as tuples; all else as
     it is."""
     if hasattr(value, "tolist"):
-        value = value.tolist()
+        with suppress(NotImplementedError, RuntimeError):  # tensors without numbers to read, on the device meta
+            value = value.tolist()
     if isinstance(value, tuple | list):
         return tuple(map(as_plain, value))
     for kind in (int, float):  # of their subclasses

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.text import one_line
+
 if TYPE_CHECKING:
     from PIL.Image import Image
 
@@ -56,15 +58,33 @@ def upright(image: Image) -> Image:
     return image
 
 
+def load_pixels(name: str, image: Image) -> None:
+    """Reads the file of a PIL image that was opened, as Pillow does only when its pixels are asked for.
+
+    Raises:
+        ValueError: the file is damaged, or was closed before it was read.
+    """
+    try:
+        image.load()
+    except (OSError, ValueError, SyntaxError, AssertionError, AttributeError) as error:
+        came = f"a damaged file, {one_line(error)}" if isinstance(error, OSError) else "one whose file is closed"
+        raise ValueError(
+            f"{name} must be a PIL image whose pixels can be read, got {came}: write image.load() before the file is "
+            "closed, or open a whole file"
+        ) from None
+
+
 def pil_pixels(name: str, image: Image) -> NDArray[Any]:
     """The pixels of a PIL image, upright and over white, (H, W) if it is gray, or (H, W, 3).
 
     They are uint8 where the image has 8 bits a channel and nothing transparent, else float32 in 0…1.
 
     Raises:
-        ValueError: its levels are none of a photograph; it is the preview of a raw one; or it has integers of 32 bits
-            (mode I) and comes from no file, so that nothing says which of them is white.
+        ValueError: its levels are none of a photograph; it is the preview of a raw one; its file is damaged or was
+            closed before it was read; or it has integers of 32 bits (mode I) and comes from no file, so that nothing
+            says which of them is white.
     """
+    load_pixels(name, image)
     if is_preview(image):
         raise ValueError(f"{name} as a PIL image: {PREVIEW}")
     if image.mode == "I" and image.format is None:

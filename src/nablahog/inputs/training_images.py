@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .arrays import WHITE, as_gray
+from .arrays import AS_GRAY, WHITE, as_gray
 
 
 def gray_photographs(images: Mapping[str, object], least: tuple[int, int] = (1, 1)) -> dict[str, Tensor]:
@@ -33,10 +33,7 @@ def gray_photographs(images: Mapping[str, object], least: tuple[int, int] = (1, 
     for name in sorted(images):
         image = as_gray(name, images[name])
         if image.ndim != 2:
-            raise ValueError(
-                f"{name} must be gray, (H, W), got shape {image.shape}: write image.convert('L') of a PIL image, "
-                "image[..., 0] of an array (H, W, 1), image[0] of a tensor (1, H, W)"
-            )
+            raise ValueError(f"{name} must be gray, (H, W), got shape {image.shape}: write {AS_GRAY}")
         height, width = image.shape
         if height < least[0] or width < least[1]:
             raise ValueError(f"{name} must have at least {least[0]}x{least[1]} pixels, got {height}x{width}")

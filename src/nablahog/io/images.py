@@ -95,7 +95,7 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
-            raise ValueError(f"{file}: the image cannot be read: {one_line(error)}") from None
+            raise ValueError(f"{file}: the image cannot be read: {one_line(error)}; save or copy it again") from None
 
 
 def longer_side(path: Readable) -> int:

@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from ..inputs.arrays import as_gray
+from ..inputs.arrays import AS_GRAY, as_gray
 from ..inputs.numbers import as_integer
 
 Image: TypeAlias = Tensor | ArrayLike
 GRAY_BINS, MOST_BINS = 256, 4096
 SSIM_WINDOW, K1, K2 = 7, 0.01, 0.03  # of SSIM
+_ADVICE = {3: AS_GRAY, 4: "image[0, 0] for each image of a batch"}  # what to write, by the number of axes
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
@@ -41,7 +42,8 @@ DEFINITIONS = {
 def _read_pair(a: Image, b: Image) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     first, second = as_gray("the first image", a), as_gray("the second image", b)
     if first.shape != second.shape or first.ndim != 2 or first.size == 0:
-        hint = ": write image[0, 0] for each image of a batch" if 4 in (first.ndim, second.ndim) else ""
+        axes = max(first.ndim, second.ndim)
+        hint = f": write {_ADVICE[axes]}" if axes in _ADVICE else ""
         raise ValueError(f"expected two images of one shape (H, W), got {first.shape} and {second.shape}{hint}")
     return _clip(first), _clip(second)
 

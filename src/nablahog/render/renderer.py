@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..inputs.arrays import as_images, check_values
+from ..inputs.arrays import as_images, check_shape, check_values
 from ..inputs.numbers import as_integer, as_number, check_choice, check_type
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
@@ -144,10 +144,14 @@ class Renderer:
         For searches: nothing is recorded for autograd.  The result does not depend on the number of threads.
 
         Args:
-            poses: (B, 6), float64, see :data:`.camera.PARAMETERS`; not checked.
+            poses: (B, 6), see :data:`.camera.PARAMETERS`; computed with in float64; their numbers are not checked.
             background: a brightness in 0…1, or images of it, (1 or B, H, W).
             derivative: whether to compute the screen gradient.
+
+        Raises:
+            TypeError, ValueError: ``poses`` is no floating point tensor (B, 6).
         """
+        poses = check_shape("poses", poses, ("B", 6)).double()  # the loops read six numbers of each
         camera, shape = self.camera, (len(poses), self.camera.height, self.camera.width)
         behind = torch.as_tensor(background, dtype=torch.float32, device=poses.device).detach().expand(shape)
         if not native.can_read(poses):
@@ -175,6 +179,8 @@ class Renderer:
         height, width = self.camera.height, self.camera.width
         if not getattr(background, "ndim", 0):
             level = as_number("the background", background, 0, 1)
+            if isinstance(background, Tensor):  # perhaps differentiated
+                return background.to(poses.device, torch.float32).expand(1, height, width)
             return torch.full((1, height, width), level, dtype=torch.float32, device=poses.device)
         background, _ = as_images("the background", background)
         check_values("the background", background)

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 import nablahog
-from nablahog import Camera, render
+from nablahog import Camera, Renderer, render
 from nablahog.render import pose, silhouette
 
 from ..table import Column, Use
@@ -60,6 +60,12 @@ COLUMNS = [
         },
         tolerance=1e-4,
         traceable=True,
+        types=(torch.Tensor,),
+    ),
+    Column(
+        "Renderer.render",
+        {"descriptor": Use(lambda p: Renderer(MESH, CAMERA).render(p, derivative=False).image, POSES)},
+        tolerance=1e-4,
         types=(torch.Tensor,),
     ),
     Column(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from ..table import Row
 from .arrays import AS_SKIMAGE, levels
 
 ORIENTATION = 0x0112  # EXIF's tag
+NO_FILE = dict.fromkeys(("command", "page"), "read files themselves")
 TURNED_BACK = {3: 2, 6: 3, 8: 1}  # quarters of a turn, counter-clockwise, that make it upright
 
 
@@ -28,6 +31,21 @@ def colours(x: NDArray[Any]) -> NDArray[Any]:
 
 def coloured(x: NDArray[Any]) -> Image.Image:
     return Image.fromarray(levels(colours(x)).astype(np.uint8))
+
+
+def half_a_file(x: NDArray[Any]) -> Image.Image:
+    file = io.BytesIO()
+    gray(x).save(file, "PNG")
+    return Image.open(io.BytesIO(file.getvalue()[: len(file.getvalue()) // 2]))
+
+
+def closed(x: NDArray[Any]) -> Image.Image:
+    """Opened in a ``with`` that has ended, and not read there."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "a.png")
+        gray(x).save(path)
+        with Image.open(path) as image:
+            return image
 
 
 def with_alpha(mode: str) -> Callable[[NDArray[Any]], Image.Image]:
@@ -144,6 +162,8 @@ ROWS = [
     *[row(f"L turned, EXIF {tag}", turned(tag, gray), None) for tag in TURNED_BACK],
     row("RGB turned, EXIF 6", turned(6, coloured), colours),
     row("I;16 turned, EXIF 6", turned(6, lambda x: Image.fromarray(sixteen(x))), None),
+    Row("PIL of half a file", "image", half_a_file, must="be refused"),
+    Row("PIL whose file is closed", "image", closed, must="be refused", leaves_out=NO_FILE),
     Row("PIL in a list", "image", lambda x: [gray(x)]),
     Row("PIL without pixels", "image", lambda x: Image.new("L", (0, 0)), must="be refused"),
 ]

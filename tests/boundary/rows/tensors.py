@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -38,6 +39,8 @@ def of_tensors(kind: Kind, prefix: str, must: Any = "be taken") -> list[Row]:
         Row(f"{prefix} bfloat16", kind, lambda x: x.bfloat16(), means=rounded(torch.bfloat16), tolerance=BRAIN),
         Row(f"{prefix} complex", kind, lambda x: x.cfloat(), must="be refused", leaves_out=MOVED),
         Row(f"{prefix} sparse", kind, lambda x: x.to_sparse()),
+        Row(f"{prefix} float8", kind, lambda x: x.to(torch.float8_e4m3fn), must="be refused", leaves_out=MOVED),
+        Row(f"{prefix} quantized", kind, quantized, must="be refused", leaves_out=MOVED),
         Row(f"{prefix} nested", kind, lambda x: torch.nested.nested_tensor(list(x), layout=torch.jagged)),
         Row(f"{prefix} in a list", kind, list),
         Row(f"{prefix} arrays in a list", kind, lambda x: [part.numpy() for part in x], leaves_out=LEVELS),
@@ -60,6 +63,12 @@ def of_tensors(kind: Kind, prefix: str, must: Any = "be taken") -> list[Row]:
 def in_inference_mode(x: Tensor) -> Tensor:
     with torch.inference_mode():
         return x.clone()
+
+
+def quantized(x: Tensor) -> Tensor:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of PyTorch, that there is another library for it
+        return torch.quantize_per_tensor(x, 1 / 255, 0, torch.quint8)
 
 
 def with_nan(x: Tensor) -> Tensor:

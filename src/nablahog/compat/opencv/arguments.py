@@ -93,7 +93,10 @@ def array(name: str, value: Any) -> NDArray[Any]:
         pixels = value.get()
         value = () if pixels is None else pixels
     if not isinstance(value, np.ndarray | tuple):
-        write = f": write np.asarray({name})" if isinstance(value, list) or hasattr(value, "__array__") else ""
+        is_array_like = (
+            isinstance(value, list) or hasattr(value, "__array__") or hasattr(type(value), "__array_interface__")
+        )
+        write = f": write np.asarray({name})" if is_array_like else ""
         raise TypeError(f"{name} must be an array, got {type(value).__name__}{write}")
     values = np.atleast_1d(value)
     if values.dtype.name not in _DEPTHS or not values.dtype.isnative:
