@@ -97,9 +97,8 @@ def main() -> None:
                 errors = ratios(one, estimate_pose(example.image, models[one.model], box=example.box, **lens))
                 measured[focal] += [] if errors is None else [errors]
         for focal, errors in measured.items():
-            within = [100 * (np.array(errors) <= bound).mean(0) for bound in (1, 2)]
-            unknown = np.isnan(errors).all(0)
-            shares = ["–" if no else f"{a:.0f} / {b:.0f}" for a, b, no in zip(*within, unknown, strict=True)]
+            columns = [column[~np.isnan(column)] for column in np.array(errors).T]
+            shares = [f"{100 * (c <= 1).mean():.0f} / {100 * (c <= 2).mean():.0f}" if len(c) else "–" for c in columns]
             rows.append([f"{renderer}; focal length {focal}", str(len(errors)), *shares])
     print(table(["renderer", "right", *COLUMNS], rows))
 

@@ -29,6 +29,7 @@ PHOTO = torch.rand(3, 200, 240, generator=torch.Generator().manual_seed(0))
 BOX = (120.0, 30.0, 190.0, 110.0)
 IN_CROP = torch.tensor([40.0, 20, 3, 5, 6, -4], dtype=torch.float64)
 CAMERA = Camera(250.0, 200, 240)
+SIMILARITY = 12.0
 
 
 def curvature(seed: int = 0) -> Tensor:
@@ -41,13 +42,15 @@ def crop(*, known: bool) -> ObjectCrop:
     return crop_object(PHOTO, BOX, focal=250.0 if known else None, axis=(125.0, 90.0) if known else None)
 
 
-def covariance(bend: Tensor, place: ObjectCrop) -> Tensor:
-    return pose_covariance(-bend / torch.outer(UNITS, UNITS), IN_CROP, place, (200, 240))
+def covariance(bend: Tensor, place: ObjectCrop, *, any_azimuth: bool = False) -> Tensor:
+    return pose_covariance(
+        SIMILARITY, -bend / torch.outer(UNITS, UNITS), IN_CROP, place, (200, 240), any_azimuth=any_azimuth
+    )
 
 
 def scaled_inverse(bend: Tensor, scales: Scales) -> Tensor:
     """The covariance in the crop, by hand."""
-    by_curvature = torch.outer(scales.factors, scales.factors) * torch.linalg.inv(bend)
+    by_curvature = torch.outer(scales.factors, scales.factors) * torch.linalg.inv(SIMILARITY * bend)
     return torch.outer(UNITS, UNITS) * (by_curvature + torch.diag(scales.floors**2))
 
 
@@ -78,6 +81,13 @@ def test_it_is_that_of_poses_moved_to_the_photograph() -> None:
         rtol=0,
         atol=0.08,
     )
+
+
+def test_no_photograph_tells_the_azimuth_of_a_bottle() -> None:
+    output = covariance(curvature(), crop(known=True), any_azimuth=True)
+    assert output[0, 0] == math.inf
+    assert not output[0, 1:].any()
+    assert_close(output[1:, 1:], covariance(curvature(), crop(known=True))[1:, 1:])
 
 
 @pytest.mark.parametrize("bend", [-torch.eye(6), torch.zeros(6, 6), torch.diag(torch.tensor([1.0, 1e-9, 1, 0, 1, 1]))])

@@ -208,7 +208,7 @@ class BestSearch:
             traces=tuple(hypothesis.search_trace() for hypothesis in traced),
             runners_up=rivals,
             equivalent_azimuths=same_view,
-            covariance=best.covariance(self.problem.image.shape[1:]) if known and self.calibrated else None,
+            covariance=best.covariance(self.problem.image.shape[1:], same_view) if known and self.calibrated else None,
             confidence=confidence(best.similarity, rival, lead, agreement, known_model=known)
             if self.calibrated
             else None,

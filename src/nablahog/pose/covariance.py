@@ -1,9 +1,10 @@
 """The covariance of a pose, from the curvature of the similarity at its maximum (Laplace's approximation).
 
-The similarity is in standard deviations of a score, so it falls off around the true pose like the logarithm of a
-likelihood, up to a factor: the covariance is the inverse of minus its Hessian, up to a scale.  Scales were fitted to
-scenes of known models, so that 68 % of the true parameters are within one standard deviation.  They include what the
-curvature does not show: the light, the look of the renderer, cells and pixels, and an assumed focal length.
+The calibrated similarity s is the score of a matched filter, in standard deviations over arbitrary photographs: the
+logarithm of the likelihood of a pose is s²/2, whose Hessian at the maximum is s times that of s.  The covariance is
+minus its inverse, but for factors near 1, one for each parameter, and floors.  These were fitted to scenes of known
+models, so that 68 % of the true parameters are within one standard deviation.  They stand for what the curvature does
+not show: the light, the look of the renderer, cells and pixels, and an assumed focal length.
 
 It is conditional on the pose being the right one.  How likely that is, is the confidence.
 """
@@ -17,8 +18,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..render import PARAMETERS
 from .ascent import UNITS
-from .crop import ObjectCrop
+from .crop import DISTANCE, ObjectCrop
 
 
 class Scales(NamedTuple):
@@ -32,39 +34,48 @@ def _scales(factors: tuple[float, ...], floors: tuple[float, ...]) -> Scales:
     return Scales(*(torch.tensor(numbers, dtype=torch.float64) for numbers in (factors, floors)))
 
 
-KNOWN_FOCAL = _scales((0.22, 0.18, 0.32, 0.25, 0.18, 0.20), (0, 0, 0, 0, 0, 0))
-ASSUMED_FOCAL = _scales((0.24, 0.22, 0.0, 0.27, 0.19, 0.27), (0, 0, 0, 0, 0, 0))
-_FLATTEST = 0.05  # smallest curvature along an axis, as a fraction of the largest: a fit to jags may show less
-_DISTANCE = 2  # the place of the distance among the parameters
+KNOWN_FOCAL = _scales((1.0, 0.85, 1.25, 0.9, 0.65, 0.7), (0.12, 0.1, 0.12, 0.06, 0.08, 0.08))
+ASSUMED_FOCAL = _scales((1.05, 0.9, 0.0, 0.95, 0.7, 0.9), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
+_FLATTEST = 0.1  # smallest curvature along an axis, as a fraction of the largest: a fit to jags may show less
+_AZIMUTH, _DISTANCE = PARAMETERS.index("azimuth"), PARAMETERS.index("distance")
+_FAR = 0.7  # exponent of the distance in the factor of its standard deviation, beyond :data:`.crop.DISTANCE`
 _STEP = 1e-3  # of central differences of a smooth map, in degrees, units and pixels
 
 
-def pose_covariance(hessian: Tensor, pose: Tensor, crop: ObjectCrop, size: Sequence[int]) -> Tensor:
+def pose_covariance(
+    similarity: float, hessian: Tensor, pose: Tensor, crop: ObjectCrop, size: Sequence[int], *, any_azimuth: bool
+) -> Tensor:
     """The covariance (6, 6), float64, of a pose in a photograph.
 
     Args:
-        hessian: (6, 6) of the similarity at its maximum, per degree, unit and pixel of the crop.
+        similarity: calibrated, at its maximum.
+        hessian: (6, 6) of the similarity there, per degree, unit and pixel of the crop.
         pose: (6,) at the maximum, for the crop.
         crop: of the photograph; its focal length is known if its axis is.
         size: height and width of the photograph, pixels.
+        any_azimuth: whether the model looks the same from all around.
 
     Returns:
-        Of azimuth, elevation, distance, theta, x and y in degrees, units of the mesh and pixels of the photograph.  The
-        variance of the distance is infinite, and its covariances are 0, where the focal length is assumed.
+        Of azimuth, elevation, distance, theta, x and y in degrees, units of the mesh and pixels of the photograph.
+        What is unknown has an infinite variance, and its covariances are 0: the distance where the focal length is
+        assumed, and any azimuth.
     """
     factors, floors = ASSUMED_FOCAL if crop.axis is None else KNOWN_FOCAL
     units = UNITS.clone()
-    units[_DISTANCE] *= pose[_DISTANCE] / 3.0
+    relative = pose[_DISTANCE] / DISTANCE
+    units[_DISTANCE] *= relative
     scaled = units * factors
-    bends, axes = torch.linalg.eigh(-hessian * torch.outer(units, units))
+    scaled[_DISTANCE] *= max(1.0, float(relative)) ** _FAR  # the steps of the ascent are absolute
+    bends, axes = torch.linalg.eigh(-max(similarity, 1.0) * hessian * torch.outer(units, units))
     bends = bends.clamp(min=_FLATTEST * max(float(bends.abs().max()), 1e-9))
     inverse = (axes / bends) @ axes.T
     in_crop = inverse * torch.outer(scaled, scaled) + torch.diag((floors * units) ** 2)
     slopes = _photograph_slopes(pose, crop, size)
     covariance: Tensor = slopes @ in_crop @ slopes.T
-    if crop.axis is None:
-        covariance[_DISTANCE], covariance[:, _DISTANCE] = 0, 0
-        covariance[_DISTANCE, _DISTANCE] = math.inf
+    for parameter, unknown in ((_AZIMUTH, any_azimuth), (_DISTANCE, crop.axis is None)):
+        if unknown:
+            covariance[parameter], covariance[:, parameter] = 0, 0
+            covariance[parameter, parameter] = math.inf
     return covariance
 
 
@@ -88,8 +99,10 @@ def position_covariance(covariance: Tensor, distance: float, ray: Tensor, focal:
     """
     length = ray.norm()
     direction = ray / length
-    across = (torch.eye(3, dtype=ray.dtype) - torch.outer(direction, direction)) * (distance / focal / length)
+    across = (torch.eye(3, dtype=ray.dtype, device="cpu") - torch.outer(direction, direction)) * (
+        distance / focal / length
+    )
     slopes = torch.stack([direction, across[:, 0], across[:, 1]], 1)  # by distance, x and y
-    places = torch.tensor([2, 4, 5])
+    places = [PARAMETERS.index(name) for name in ("distance", "x", "y")]
     in_space: Tensor = slopes @ covariance[places][:, places] @ slopes.T
     return in_space

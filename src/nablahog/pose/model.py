@@ -7,6 +7,7 @@ The distance and shift of a view are those at which the model's outline fills a 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -31,6 +32,7 @@ VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks a
 _ROUNDS = 3  # of fitting the distance: perspective makes size not quite its inverse; 2 leave a tenth of a pixel
 DETAIL = 1.0  # pixels that vertices may be off in searches: a third of the faces remain, and poses are as exact
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
+_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
 ALIKE = 0.95
 """Correlation above which no photograph tells two views apart."""
 _FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
@@ -160,6 +162,11 @@ def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) 
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
     same = (correlations[nearest] >= ALIKE).roll(-nearest)
     return tuple((azimuth + float(turn)) % 360 for turn in equidistant_azimuths(VIEW_COUNT)[same][1:])
+
+
+def looks_same_all_around(azimuths: Sequence[float]) -> bool:
+    """Whether a model with these :func:`equivalent_azimuths` looks the same from all around, as a bottle does."""
+    return len(azimuths) >= VIEW_COUNT - _NEIGHBOURS
 
 
 @lru_cache(maxsize=512)

@@ -22,10 +22,9 @@ from ..render.lens import IdealCamera
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
 from .geometry import PoseGeometry
-from .model import VIEW_COUNT
+from .model import looks_same_all_around
 from .options import FocalSource, SimilarityKind
 
-_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
 MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose without a confidence may mean nothing: 9 of 10 boxes of photographs
 without any chair stay below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
@@ -69,8 +68,9 @@ class PoseEstimate(PoseGeometry):
             the ideal one; else None.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
         covariance: (6, 6), float64, of :attr:`pose`, in degrees, units of the mesh and pixels, if the pose is the right
-            one, see :mod:`.covariance`; the variance of the distance is infinite where the focal length is assumed.
-            Only of a single model, for ``"best"`` with the similarity ``"calibrated"``; else None.
+            one, see :mod:`.covariance`; the variance of the distance is infinite where the focal length is assumed, and
+            that of the azimuth where :attr:`any_azimuth` is true.  Only of a single model, for ``"best"`` with the
+            similarity ``"calibrated"``; else None.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
@@ -121,7 +121,7 @@ class PoseEstimate(PoseGeometry):
     @property
     def any_azimuth(self) -> bool:
         """Whether the model looks the same from all around, as a bottle does: no photograph tells its azimuth."""
-        return len(self.equivalent_azimuths) >= VIEW_COUNT - _NEIGHBOURS
+        return looks_same_all_around(self.equivalent_azimuths)
 
     @in_plain_mode
     def undistort(self, photograph: Tensor | ArrayImage) -> Tensor:

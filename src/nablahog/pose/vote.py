@@ -28,6 +28,7 @@ from .model import (
     fit_to_box,
     forget_views,
     level_poses,
+    looks_same_all_around,
     signed_angles,
     view_descriptors,
 )
@@ -74,10 +75,15 @@ class Hypothesis:
         trace = (*self.trace, (float(pose[0]), coarse))
         return replace(self, pose=pose, similarity=similarity, trace=trace, penalty=penalty, hessian=hessian)
 
-    def covariance(self, size: Sequence[int]) -> Tensor | None:
-        """The covariance (6, 6) of the pose in a photograph of a height and width; None before the ascent."""
-        crop = self.photograph.crop
-        return None if self.hessian is None else pose_covariance(self.hessian, self.pose, crop, size)
+    def covariance(self, size: Sequence[int], same_view: Sequence[float]) -> Tensor | None:
+        """The covariance (6, 6) of the pose in a photograph of a height and width; None before the ascent.
+
+        ``same_view`` has further azimuths from which the model looks the same, degrees.
+        """
+        if self.hessian is None:
+            return None
+        crop, any_azimuth = self.photograph.crop, looks_same_all_around(same_view)
+        return pose_covariance(self.similarity, self.hessian, self.pose, crop, size, any_azimuth=any_azimuth)
 
     @property
     def score(self) -> float:
