@@ -365,3 +365,8 @@ def test_the_seed_decides(name: str) -> None:
     )
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
+
+
+def test_the_error_of_a_size_in_the_wrong_order_names_the_order() -> None:
+    with pytest.raises(ValueError, match=r"height, width"):
+        reconstruct(torch.zeros(1, 6, 4, 31), "uoctti", (32, 48))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from torch import Tensor
@@ -127,12 +128,20 @@ def from_layout(native: Descriptors, spec: HOGSpec | str, image_size: tuple[int,
         raise ValueError(
             f"{spec.named} descriptor of an image of {image_size[0]}x{image_size[1]} pixels (height x width) has the "
             f"shape (B, {', '.join(map(str, expected))}), got {tuple(native.shape)}"
-            + (": write descriptor[None]" if tuple(native.shape) in shapes else "")
+            + _advise_on_shape(tuple(native.shape), shapes)
         )
     split = native.reshape(len(native), *(sizes[axis] for axis in order))
     return split.permute(0, *(1 + order.index(axis) for axis in range(len(order)))).reshape(
         len(native), rows, cols, spec.channels
     )
+
+
+def _advise_on_shape(shape: tuple[int, ...], shapes: Sequence[tuple[int, ...]]) -> str:
+    if shape in shapes:
+        return ": write descriptor[None]"
+    if shape[-1:] == (math.prod(shapes[0]) + 1,):
+        return ": the last is the bias of a detector, write descriptor[..., :-1]"
+    return "; nablahog.which_hog says which parameters and sizes fit"
 
 
 def channel_names(spec: HOGSpec | str) -> tuple[str, ...]:

@@ -56,9 +56,12 @@ def check_descriptor(descriptor: Tensor, spec: HOGSpec, image_size: Sequence[int
     height, width = spec.image_size(rows, cols) if image_size is None else as_size("image_size", image_size)
     expected = (*spec.grid(height, width), spec.channels)
     if (rows, cols, channels) != expected:
+        upright = (*spec.grid(width, height), spec.channels) == (rows, cols, channels)
         raise ValueError(
             f"{spec.named} descriptor of an image of {height}x{width} pixels must have shape "
             f"{expected} (rows, cols, channels), got {(rows, cols, channels)}"
+            + f", that of {width}x{height}: image_size is (height, width), of a PIL image upright"
+            * upright
         )
     check_finite("the descriptor", descriptor)
     largest = float(descriptor.detach().abs().max())
