@@ -115,6 +115,7 @@ def save_descriptor(
     """
     spec = as_spec(spec)
     tensor, is_single = as_descriptors("the descriptor", descriptor)
+    check_values("the descriptor", tensor)
     values = (tensor[0] if is_single else tensor).detach().cpu().resolve_neg()
     stored = StoredDescriptor(values, spec, image_size)
     arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}

@@ -76,6 +76,9 @@ def saved(descriptor: Any, spec: Any = "uoctti", image_size: Any = SIZE) -> Any:
         return stored.descriptor, stored.image_size
 
 
+LOSS = HOGLoss("uoctti")  # torch.export traces its use, not how it is made
+
+
 def loss_of(x: Any, spec: Any = "uoctti") -> Any:
     return HOGLoss(spec)(x, as_batch(OTHER))
 
@@ -102,7 +105,7 @@ COLUMNS = [
     Column(
         "HOGLoss",
         {
-            "batch": batch(lambda x: HOGLoss("uoctti")(x, BATCH.flip(0)[: len(x) if hasattr(x, "__len__") else 2])),
+            "batch": batch(lambda x: LOSS(x, BATCH.flip(0)[: len(x) if hasattr(x, "__len__") else 2])),
             "image": image(loss_of, as_batch),
             "name": name(lambda n: loss_of(as_batch(IMAGE), n)),
         },

@@ -270,7 +270,9 @@ RUNS: dict[str, Callable[[Call], Any]] = {
 }
 _READ = {"render": "the numbers of poses are read: it is refused in one sentence"}
 LEFT_OUT = {
-    "in a forked process": {"page": "a server has threads, which no fork has"},
+    "in a forked process": dict.fromkeys(
+        ("page", "page /api/pose", "page /api/invert"), "a server has threads, which no fork has"
+    ),
     "torch.export": _READ,
     "torch.func.vmap": _READ,
 }
