@@ -92,7 +92,7 @@ def test_colmap(line: str, intrinsics: Any, distortion: Any) -> None:
         ("cameras.txt", "1 PINHOLE", "must be|invalid literal"),
         ("cameras.bin", "", "model_converter --output_type TXT"),
         ("camera.yaml", "", "write its numbers as JSON"),
-        ("camera.json", "{", "Expecting property name"),
+        ("camera.json", "{", "expected JSON, but it cannot be read: Expecting property name"),
         ("camera.json", "[1, 2]", r"expected COLMAP's cameras.txt or JSON with fx, fy, cx, cy or camera_matrix"),
         ("camera.json", '{"focal": 3}', "got .*focal"),
         ("camera.json", '{"K": [[5, 1, 4], [0, 5, 4], [0, 0, 1]]}', r"must be \[\[fx, 0, cx\]"),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from ..inputs.cameras import as_distortion, as_intrinsics
 from ..inputs.numbers import as_numbers, as_plain, as_size, shortened
+from ..runtime.text import one_line
 from .arrays import naming
 from .input_file import InputFile, Readable, input_file
 
@@ -59,7 +60,7 @@ def read_camera_file(path: Readable) -> CameraFile:
     with naming(file):
         if file.ending not in (".json", ".txt"):
             raise ValueError(f"expected {_EXPECTED}, got the ending {file.ending!r}{_advise(file)}")
-        text = file.read().decode("utf-8-sig")
+        text = file.read().decode("utf-8-sig", errors="replace")
         return _read_json(text) if file.ending == ".json" else _read_colmap(text.splitlines())
 
 
@@ -89,7 +90,10 @@ def _read_colmap(lines: Iterable[str]) -> CameraFile:
 
 
 def _read_json(text: str) -> CameraFile:
-    whole = json.loads(text)
+    try:
+        whole = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"expected JSON, but it cannot be read: {one_line(error)}") from None
     if not isinstance(whole, dict):
         raise ValueError(f"expected {_EXPECTED}, got {shortened(whole)}")
     matrix, coefficients = _first(whole, _MATRICES), _first(whole, _DISTORTIONS)
@@ -104,7 +108,7 @@ def _read_json(text: str) -> CameraFile:
     distortion = None if coefficients in (None, []) else as_distortion("the distortion", coefficients)
     size = next(((whole[high], whole[wide]) for high, wide in _SIZES if high in whole and wide in whole), None)
     return CameraFile(
-        _named_intrinsics(whole) if matrix is None else as_intrinsics("the camera matrix", _as_rows(matrix)),
+        _named_intrinsics(whole) if matrix is None else as_intrinsics("the matrix", _as_rows(matrix)),
         _named_distortion(whole) if distortion is None else distortion,
         None if size is None else as_size("the size of the photographs", size),
     )

@@ -28,32 +28,34 @@ _BORDER_POINTS = 256  # along a side
 _STEPS, _EXACT = 50, 1e-10  # of Newton's method; focal lengths
 
 
-def distort(points: Tensor, distortion: tuple[float, ...]) -> Tensor:
-    """Where a lens with OpenCV's k1, k2, p1, p2, k3 moves points x, y (…, 2) of depth 1."""
+def distort(x: Tensor, y: Tensor, distortion: tuple[float, ...]) -> tuple[Tensor, Tensor]:
+    """Where a lens with OpenCV's k1, k2, p1, p2, k3 moves points x, y of depth 1."""
     k1, k2, p1, p2, k3 = distortion
-    x, y = points.unbind(-1)
-    r2 = x * x + y * y
+    r2, xy = x * x + y * y, 2 * x * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    moved_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    return torch.stack([moved_x, y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], dim=-1)
+    return x * radial + p1 * xy + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + p2 * xy
 
 
-def undistort(points: Tensor, distortion: tuple[float, ...]) -> Tensor:
-    """The points (…, 2) that :func:`distort` moves to ``points``, by Newton's method; NaN where it finds none."""
-    found = points
+def undistort(x: Tensor, y: Tensor, distortion: tuple[float, ...]) -> tuple[Tensor, Tensor]:
+    """The points that :func:`distort` moves to x, y, by Newton's method; NaN where it finds none."""
+    found_x, found_y = x, y
     for _ in range(_STEPS):
-        xx, xy, yy = distortion_jacobian(found, distortion)
-        (x, y), det = (points - distort(found, distortion)).unbind(-1), xx * yy - xy * xy
-        step = torch.stack([yy * x - xy * y, xx * y - xy * x], dim=-1) / det[..., None]
-        found = found + step
-    left = (distort(found, distortion) - points).abs().amax(-1, keepdim=True)
-    return torch.where(left < _EXACT, found, torch.nan)
+        xx, xy, yy = distortion_jacobian(found_x, found_y, distortion)
+        off_x, off_y = _subtract((x, y), distort(found_x, found_y, distortion))
+        det = xx * yy - xy * xy
+        found_x, found_y = found_x + (yy * off_x - xy * off_y) / det, found_y + (xx * off_y - xy * off_x) / det
+    off_x, off_y = _subtract((x, y), distort(found_x, found_y, distortion))
+    is_found = torch.maximum(off_x.abs(), off_y.abs()) < _EXACT
+    return torch.where(is_found, found_x, torch.nan), torch.where(is_found, found_y, torch.nan)
 
 
-def distortion_jacobian(points: Tensor, distortion: tuple[float, ...]) -> tuple[Tensor, Tensor, Tensor]:
-    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of :func:`distort` at points (…, 2)."""
+def _subtract(one: tuple[Tensor, Tensor], other: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    return one[0] - other[0], one[1] - other[1]
+
+
+def distortion_jacobian(x: Tensor, y: Tensor, distortion: tuple[float, ...]) -> tuple[Tensor, Tensor, Tensor]:
+    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of :func:`distort`."""
     k1, k2, p1, p2, k3 = distortion
-    x, y = points.unbind(-1)
     r2 = x * x + y * y
     radial, slope = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
     across = x * y * slope + 2 * p1 * x + 2 * p2 * y
@@ -77,7 +79,7 @@ class IdealCamera:
     real: PhotographCamera
 
     def __post_init__(self) -> None:
-        if not bool(torch.isfinite(self._border).all()) or not self._is_unfolded():
+        if not bool(torch.isfinite(torch.stack(self._border)).all()) or not self._is_unfolded():
             raise ValueError(
                 f"`distortion` must be such that it can be undone in all of the photograph's {self.real.height}x"
                 f"{self.real.width} pixels, got {self.real.distortion}: are these OpenCV's k1, k2, p1, p2, k3, and "
@@ -105,7 +107,8 @@ class IdealCamera:
         """The box around all that the photograph shows, whole pixels, but not far beyond (0, 0, width, height)."""
         if not any(self.real.distortion):
             return Box(0, 0, self.width, self.height)
-        (x0, y0), (x1, y1) = (side.tolist() for side in (self._border.amin(0), self._border.amax(0)))
+        x, y = self._border
+        (x0, x1), (y0, y1) = ((float(line.min()), float(line.max())) for line in (x, y))
         more_x, more_y = round(MOST_BEYOND * self.width), round(MOST_BEYOND * self.height)
         return Box(
             max(-more_x, math.floor(x0)),
@@ -114,23 +117,25 @@ class IdealCamera:
             min(self.height + more_y, math.ceil(y1)),
         )
 
-    def from_photograph(self, points: Tensor) -> Tensor:
-        """Points x, y (…, 2) of the photograph in the ideal image, pixels."""
-        rays = (points.double() - self._real_axis) / self._real_focal
-        return undistort(rays, self.real.distortion) * self.focal + self._axis
+    def from_photograph(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Points of the photograph in the ideal image, pixels."""
+        real = self.real
+        ray_x, ray_y = undistort((x - real.cx) / real.fx, (y - real.cy) / real.fy, real.distortion)
+        return ray_x * self.focal + self.axis[0], ray_y * self.focal + self.axis[1]
 
-    def to_photograph(self, points: Tensor) -> Tensor:
-        """Points x, y (…, 2) of the ideal image in the photograph, pixels."""
-        rays = (points.double() - self._axis) / self.focal
-        return distort(rays, self.real.distortion) * self._real_focal + self._real_axis
+    def to_photograph(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Points of the ideal image in the photograph, pixels."""
+        real = self.real
+        ray_x, ray_y = distort((x - self.axis[0]) / self.focal, (y - self.axis[1]) / self.focal, real.distortion)
+        return ray_x * real.fx + real.cx, ray_y * real.fy + real.cy
 
     def map_box(self, box: Box) -> Box:
         """A box of the photograph in the ideal image: through the middles of its sides."""
-        return _box_through(self.from_photograph(_middles(box)))
+        return _box_through(*self.from_photograph(*_middles(box)))
 
     def map_box_back(self, box: Box) -> Box:
         """A box of the ideal image in the photograph: through the middles of its sides."""
-        return _box_through(self.to_photograph(_middles(box)))
+        return _box_through(*self.to_photograph(*_middles(box)))
 
     def resample(self, photograph: Tensor, box: Box) -> Tensor:
         """What the ideal camera would see in a box of its image, whole pixels; beyond the photograph, its border.
@@ -148,54 +153,45 @@ class IdealCamera:
         rows = max(1, STRIP_PIXELS // (right - left))
         for row in range(top, bottom, rows):
             end = min(row + rows, bottom)
-            y, x = torch.meshgrid(torch.arange(row, end) + 0.5, torch.arange(left, right) + 0.5, indexing="ij")
-            grid = self.to_photograph(self._limit(torch.stack([x, y], dim=-1).double()))
-            grid = grid / grid.new_tensor([self.real.width, self.real.height]) * 2 - 1
+            place = self._limit(torch.arange(left, right) + 0.5, torch.arange(row, end)[:, None] + 0.5)
+            x, y = self.to_photograph(*place)
+            grid = torch.stack([x * (2 / self.real.width) - 1, y * (2 / self.real.height) - 1], dim=-1)
             strip = functional.grid_sample(
                 values[None], grid[None].to(values), mode="bicubic", padding_mode="border", align_corners=False
             )
             picture[:, row - top : end - top] = strip[0].clamp(0, 1)
         return picture
 
-    def _limit(self, points: Tensor) -> Tensor:
+    def _limit(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
         """Points no further from the axis than the photograph's border, beyond which the distortion may fold."""
-        off = points - self._axis
-        reach = (self._border - self._axis).norm(dim=-1).max()
-        return self._axis + off * torch.clamp(reach / off.norm(dim=-1, keepdim=True), max=1)
+        across, down = x - self.axis[0], y - self.axis[1]
+        border_x, border_y = self._border
+        reach = float(torch.hypot(border_x - self.axis[0], border_y - self.axis[1]).max())
+        share = (reach / torch.hypot(across, down)).clamp(max=1)
+        return across * share + self.axis[0], down * share + self.axis[1]
 
     @cached_property
-    def _border(self) -> Tensor:
-        """Points (N, 2) all around the photograph, in the ideal image."""
+    def _border(self) -> tuple[Tensor, Tensor]:
+        """Points x, y (N,) all around the photograph, in the ideal image."""
         along = torch.linspace(0, 1, _BORDER_POINTS, dtype=torch.float64)
         zero, one = torch.zeros_like(along), torch.ones_like(along)
-        sides = [torch.stack(side, dim=-1) for side in ((along, zero), (along, one), (zero, along), (one, along))]
-        return self.from_photograph(torch.cat(sides) * torch.tensor([self.real.width, self.real.height]))
+        x, y = torch.cat([along, along, zero, one]), torch.cat([zero, one, along, along])
+        return self.from_photograph(x * self.real.width, y * self.real.height)
 
     def _is_unfolded(self) -> bool:
         """Whether neighbours remain neighbours on all rays to the border."""
-        rays = (self._border - self._axis) / self.focal
-        xx, xy, yy = distortion_jacobian(torch.linspace(0, 1, 64)[:, None, None] * rays, self.real.distortion)
+        shares = torch.linspace(0, 1, 64, dtype=torch.float64)[:, None] / self.focal
+        x, y = (shares * (line - middle) for line, middle in zip(self._border, self.axis, strict=True))
+        xx, xy, yy = distortion_jacobian(x, y, self.real.distortion)
         return bool((xx * yy - xy * xy > 0).all()) and bool((xx + yy > 0).all())
 
-    @cached_property
-    def _axis(self) -> Tensor:
-        return torch.tensor(self.axis, dtype=torch.float64)
 
-    @cached_property
-    def _real_axis(self) -> Tensor:
-        return torch.tensor([self.real.cx, self.real.cy], dtype=torch.float64)
-
-    @cached_property
-    def _real_focal(self) -> Tensor:
-        return torch.tensor([self.real.fx, self.real.fy], dtype=torch.float64)
-
-
-def _middles(box: Box) -> Tensor:
-    """(4, 2): the middles of the left, right, upper and lower side."""
+def _middles(box: Box) -> tuple[Tensor, Tensor]:
+    """x and y (4,) of the middles of the left, right, upper and lower side."""
     x, y = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
-    return torch.tensor([[box.x0, y], [box.x1, y], [x, box.y0], [x, box.y1]], dtype=torch.float64)
+    points = torch.tensor([[box.x0, box.x1, x, x], [y, y, box.y0, box.y1]], dtype=torch.float64)
+    return points[0], points[1]
 
 
-def _box_through(middles: Tensor) -> Box:
-    (x0, _), (x1, _), (_, y0), (_, y1) = middles.tolist()
-    return Box(x0, y0, x1, y1)
+def _box_through(x: Tensor, y: Tensor) -> Box:
+    return Box(float(x[0]), float(y[2]), float(x[1]), float(y[3]))
