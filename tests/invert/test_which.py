@@ -93,3 +93,14 @@ def test_numbers_of_no_preset_are_not_decided() -> None:
         assert not which_hog(random.standard_normal(shape)).decided_by
     with pytest.raises(ValueError, match="NaN"):
         which_hog(np.full(36, np.nan))
+
+
+def test_columns_of_data_frames_and_summaries() -> None:
+    vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
+    column = np.empty(2, object)
+    column[:] = [vector, vector]
+    found = which_hog(column)
+    assert found == which_hog(np.stack([vector, vector]))
+    assert "skimage() of 64x48" in repr(found)
+    assert found.decided_by in repr(found)
+    assert "undecided" in repr(which_hog(np.zeros(3780)))

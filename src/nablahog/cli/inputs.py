@@ -54,7 +54,9 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
         if os.path.isdir(name):
             if os.path.realpath(name) == os.path.realpath(arguments.output):
                 raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
-            files = _files(os.scandir(name), endings)
+            entries = list(os.scandir(name))
+            files = _files(entries, endings)
+            _tell_of_subfolders(name, entries, arguments.output)
             others = sorted({*endings} - image_endings())
             kinds = ", ".join((["images"] if len(others) < len(endings) else []) + others)
             reason = f"expected a file, or a folder of files of these kinds: {kinds}"
@@ -76,7 +78,20 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
     return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
 
 
-def _files(entries: Iterator[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
+def _tell_of_subfolders(name: str, entries: Iterable[os.DirEntry[str]], output: str) -> None:
+    """A line on stderr if a folder has others, which are not results of this command or data sets."""
+    folders = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
+    others = [
+        folder
+        for folder in folders
+        if not folder.name.endswith(DATASET) and os.path.realpath(folder.path) != os.path.realpath(output)
+    ]
+    if others:
+        pattern = os.path.join(glob.escape(name), "**", "*.jpg")
+        inform(f"{name}: subfolders are left out, such as {others[0].name}: a pattern takes them, '{pattern}'")
+
+
+def _files(entries: Iterable[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
     visible = (entry for entry in entries if not entry.name.startswith(".") and not entry.is_dir())
     return sorted((each.path for each in visible if Path(each.name).suffix.lower() in endings), key=natural_order)
 

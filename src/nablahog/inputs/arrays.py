@@ -222,7 +222,8 @@ def as_tensor(name: str, array: NDArray[Any]) -> Tensor:
     """
     check_unmasked(name, array)
     if array.dtype.kind not in "uifb":
-        raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}")
+        write = ": write np.stack(array) of vectors, array.astype(float) of numbers" if array.dtype == object else ""
+        raise TypeError(f"{name} must hold real numbers, got an array of dtype {array.dtype}{write}")
     # PyTorch takes no other byte order and no odd strides and no longer floats, and warns of memory that is read only
     dtype = np.dtype(np.float64) if array.dtype == np.longdouble else array.dtype.newbyteorder("=")
     native = np.require(array, dtype, ["W"])
@@ -231,7 +232,8 @@ def as_tensor(name: str, array: NDArray[Any]) -> Tensor:
 
 
 def as_array(name: str, values: object) -> NDArray[Any]:
-    """Real numbers of an array, a tensor, nested lists or what NumPy makes an array of; objects become float64.
+    """Real numbers of an array, a tensor, nested lists or what NumPy makes an array of; objects become float64, and
+    arrays of one shape as objects one array.
 
     Derivatives by a tensor are not recorded.
 
@@ -249,6 +251,8 @@ def as_array(name: str, values: object) -> NDArray[Any]:
         load_pixels(name, values)  # type: ignore[arg-type]
     with suppress(TypeError, ValueError, OverflowError, RuntimeError):
         array = np.asarray(values)
+        if array.dtype == object and len(array) and all(isinstance(value, np.ndarray) for value in array.flat):
+            array = np.stack(array.tolist())  # a column of a data frame
         if array.dtype == object and not any(value is None for value in array.flat):  # which would be NaN
             array = array.astype(np.float64)
         if array.dtype.kind in "uifb":

@@ -19,6 +19,7 @@ from torch.nn.functional import normalize
 from ..hog import HOGSpec, presets
 from ..hog.layout import TOKEN_CELLS, from_layout
 from ..hog.steps import split_colours
+from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size
 from ..io.descriptor_file import FittedLayout, find_layout, is_row
 from .preimage import reconstruct
@@ -38,6 +39,7 @@ VARIANTS: dict[str, dict[str, tuple[Any, ...]]] = {
 }
 """Parameters that are tried with their values, beside orientations; the default first."""
 _ORIENTATION_NAMES = ("bins", "nbins", "orientations")
+MOST_NAMED = 3  # candidates in a summary
 MOST_ASPECT = 4  # of the sides of an image
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
 MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the shape is
@@ -70,6 +72,12 @@ class Candidate:
         """(height, width) in pixels."""
         return self.how.image_size
 
+    @property
+    def summary(self) -> str:
+        """The preset with its parameters, and the size of the image, such as ``skimage(orientations=8) of 64x64``."""
+        parameters = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
+        return f"{self.preset}({parameters}) of {self.image_size[0]}x{self.image_size[1]}"
+
     def descriptors(self, array: NDArray[np.floating]) -> Tensor:
         """The array as descriptors (B, rows, cols, channels) in float64."""
         native = torch.from_numpy(np.ascontiguousarray(array, np.float64)).reshape(-1, *self.how.shape)
@@ -90,6 +98,14 @@ class WhichHOG:
     likely: int = 0
     decided_by: str = ""
 
+    def __repr__(self) -> str:
+        """The dialect and what decided, or all that the checks leave."""
+        if self.decided_by:
+            return f"<WhichHOG {self.candidates[0].summary}, because {self.decided_by}>"
+        likely = self.candidates[: self.likely or MOST_NAMED]
+        more = f", … ({len(self.candidates)} in all)" if len(self.candidates) > len(likely) else ""
+        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or 'no preset fits'}{more}>"
+
 
 def which_hog(
     array: NDArray[np.floating],
@@ -106,7 +122,8 @@ def which_hog(
     4. A fast inversion by each that is left: the right one comes nearer to the descriptor.
 
     Args:
-        array: one descriptor in the layout of a library or in one row, or a row for each of several.
+        array: one descriptor in the layout of a library or in one row, or a row for each of several; also a list, a
+            tensor, or a column of a data frame.
         image_size: (height, width) of its image, if it is known.
         dialects: presets to try, with parameters that are known; by default all.  The size of cells cannot be told
             from an array: it is the preset's, unless it is given here.
@@ -115,6 +132,7 @@ def which_hog(
         The candidates, the likeliest first, and the check that decided, if one did.
 
     Raises:
+        TypeError: the array holds no real numbers, or vectors of different lengths.
         ValueError: a parameter is none of its preset's, or the array holds NaN or Inf.
 
     >>> vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
@@ -122,6 +140,7 @@ def which_hog(
     >>> found.candidates[0].preset, found.candidates[0].image_size
     ('skimage', (64, 48))
     """
+    array = as_array("the descriptor", array)
     if not np.isfinite(array).all():
         raise ValueError("the descriptor must be finite, got NaN or Inf")
     size = None if image_size is None else as_size("image_size", image_size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
 import torch
 from PIL import Image
 
@@ -44,3 +45,13 @@ def test_glyph(tmp_path: Path, photo: str, descriptor: str) -> None:
     assert read_image(tmp_path / "g.png").shape == (1, 6 * 16, 8 * 16)
     assert main(["glyph", photo, descriptor, "-o", str(tmp_path / "out")]) == 0
     assert names(tmp_path / "out") == ["cat_glyphs.png", "stored_glyphs.png"]
+
+
+def test_subfolders_that_are_left_out_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in (tmp_path / "in", tmp_path / "in" / "more"):
+        folder.mkdir()
+        Image.new("L", (32, 32), 9).save(folder / "a.png")
+    assert main(["hog", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
+    assert "subfolders are left out, such as more" in capsys.readouterr().err
+    assert main(["hog", str(tmp_path / "in"), "-o", str(tmp_path / "in" / "more")]) == 0
+    assert "subfolders" not in capsys.readouterr().err

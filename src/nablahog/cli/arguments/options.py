@@ -14,7 +14,7 @@ from ...requests.options import FLAG, Kind, integer, list_options, path, read_pa
 from ...runtime.text import did_you_mean, one_line
 
 Request = TypeVar("Request")
-SEVERAL = "a folder or a quoted pattern for all such files; - for stdin"
+SEVERAL = "a folder (without subfolders) or a quoted pattern for all such files; - for stdin"
 
 
 class Parser(argparse.ArgumentParser):
