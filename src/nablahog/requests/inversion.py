@@ -70,7 +70,13 @@ class InvertRequest(GlyphRequest):
         "show N other images for an unsigned descriptor: they differ where it leaves the image open",
         integer(2, MOST_SAMPLES),
     )
-    seed: int = option(0, "seed of all random numbers", integer(0), keyword=True, on_page=True)
+    seed: int = option(
+        0,
+        "seed of the random numbers, of which a search from a learned prior draws none",
+        integer(0),
+        keyword=True,
+        on_page=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -121,3 +127,7 @@ class InvertRequest(GlyphRequest):
             learned.check(spec)
             return learned
         return None if default_prior_file(spec) is None else default_priors(spec)
+
+    def draws_random_numbers(self, spec: HOGSpec) -> bool:
+        """Whether the seed counts: not for a search from a learned prior, but for samples; errors as above."""
+        return self.samples is not None or self.priors_for(spec) is None

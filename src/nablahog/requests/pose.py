@@ -128,7 +128,7 @@ class PoseRequest:
         "exit with status 4 if the rotation is less likely than P to be within 15 degrees",
         number("P", least=0, most=1),
     )
-    seed: int = option(0, "seed of all random numbers", integer(0), keyword=True, on_page=True)
+    seed: int = option(0, "seed of the random samples of method best", integer(0), keyword=True, on_page=True)
     page: bool = option(False, "write a page of pictures for each object, too")
 
     def keywords(self) -> dict[str, Any]:

@@ -22,6 +22,7 @@ export class Invert {
   #start = element("invert-start", HTMLButtonElement);
   #stop = element("invert-stop", HTMLButtonElement);
   #goOn = element("invert-go-on", HTMLButtonElement);
+  #otherSeed = element("invert-other-seed", HTMLButtonElement);
   #stage = new Stage("preimage", HTMLImageElement);
   #image = this.#stage.picture;
   #chart = new DistanceChart("distance-chart");
@@ -47,7 +48,7 @@ export class Invert {
     onPress(this.#start, () => this.#run(null));
     onPress(this.#stop, () => this.#newest.abort());
     onPress(this.#goOn, () => this.#further());
-    element("invert-other-seed", HTMLButtonElement).addEventListener("click", () => {
+    onPress(this.#otherSeed, () => {
       this.#options.set("seed", String(Number(this.#options.value.seed) + 1));
       void this.#run(null);
     });
@@ -75,13 +76,16 @@ export class Invert {
     this.explain();
   }
 
-  /** Says what is missing for the method; called when the view is shown, and when preset or parameters change. */
+  /** Says whether there is a prior, and the seed counts; called when the view is shown, and when preset or parameters change. */
   explain() {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
     const { method, prior } = this.#options.value;
-    const missing = method === "default" && prior === "default" && !this.app.about.priors[kind];
-    element("method-about", HTMLElement).textContent = missing
-      ? `There is no learned prior for presets with ${kind} directions: the search does without one.` : "";
+    const source = this.app.source.value, template = source?.kind === "descriptor" && source.template;
+    const asked = method === "default" && prior === "default" && !template, learned = this.app.about.priors[kind];
+    element("method-about", HTMLElement).textContent = !asked ? ""
+      : learned ? "A search from the learned prior draws no random numbers: the seed changes nothing."
+      : `There is no learned prior for presets with ${kind} directions: the search does without one.`;
+    enable(this.#otherSeed, !(asked && learned));
   }
 
   /** What a request says about the source and the descriptor. */

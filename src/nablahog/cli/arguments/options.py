@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any, NoReturn, TypeVar
 
 from ...requests.dialect import PRESETS, preset_defaults
-from ...requests.inversion import InvertRequest
 from ...requests.options import FLAG, Kind, integer, list_options, path, read_path
 from ...runtime.text import did_you_mean, one_line
 
@@ -162,4 +161,4 @@ def cluster(command: argparse.ArgumentParser) -> None:
 
 
 def seed(command: argparse.ArgumentParser) -> None:
-    add_field(command, InvertRequest, "seed")
+    add(command, "--seed", integer(0), "seed of all random numbers", 0)

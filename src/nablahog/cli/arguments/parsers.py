@@ -105,7 +105,6 @@ def demo(commands: argparse._SubParsersAction[Parser]) -> None:
         description="Inverts both descriptors of one photograph and writes pictures, figures and a page to look at.",
     )
     options.output(command, "DIR", "folder for the results, made if missing")
-    options.seed(command)
 
 
 def device(text: str) -> str:

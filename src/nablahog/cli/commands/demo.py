@@ -35,7 +35,7 @@ REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and co
 
 def demo(arguments: Namespace) -> None:
     """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
-    request, photo = InvertRequest(seed=arguments.seed), limit_size(sample_photograph("astronaut"), DEMO_SIZE)
+    request, photo = InvertRequest(), limit_size(sample_photograph("astronaut"), DEMO_SIZE)
     with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []
         for name in DESCRIPTORS:

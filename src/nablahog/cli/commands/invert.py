@@ -8,6 +8,7 @@ import json
 import time
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...hog import HOGSpec
 from ...io.files import forbid_overwrite, output_folder, write_text
 from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import local_path
@@ -84,6 +86,7 @@ def invert(arguments: Namespace) -> int:
     _say_unsure(done)
     if request.samples and all(each.agreement is None for each in done):
         say("No samples: these descriptors have signed gradients, which leave little open")
+    _say_seed(request, {inversion.source.spec for inversion in done})
     say_page(folder / "index.html")
     return inputs.skipping.status
 
@@ -166,6 +169,13 @@ def _say_unsure(inversions: Sequence[Inversion]) -> None:
     if unsure:
         more = ", …" if len(unsure) > NAMED else ""
         say(f"It is uncertain which regions are bright: {', '.join(unsure[:NAMED])}{more}")
+
+
+def _say_seed(request: InvertRequest, specs: set[HOGSpec]) -> None:
+    """Says so if a seed that was asked for has changed nothing."""
+    with suppress(FileNotFoundError):  # installed without priors
+        if request.seed and not any(map(request.draws_random_numbers, specs)):
+            inform("--seed changes nothing: a search from a learned prior draws no random numbers, see --prior none")
 
 
 @dataclass(frozen=True, eq=False)
