@@ -64,7 +64,7 @@ class PoseRequest:
 
     mesh: str | None = option(
         None,
-        "a CAD model: OFF, PLY, STL, OBJ, GLB, glTF, or a folder of them (default: those of nablahog.sample_chairs)",
+        "a CAD model (OFF, PLY, STL, OBJ, GLB, glTF), or a folder of them (default: nablahog.sample_chairs)",
         path("FILE_or_DIR"),
     )
     up: str | None = option(
@@ -94,7 +94,7 @@ class PoseRequest:
     )
     within: float = option(
         180.0,
-        "most that the azimuth may differ from --init",
+        "most degrees of azimuth from --init",
         number("DEGREES", most=180, above=0),
         keyword=True,
     )
@@ -106,7 +106,7 @@ class PoseRequest:
         on_page=True,
     )
     principal_point: tuple[float, float] | None = option(
-        None, "where the optical axis is, in pixels (default: the middle)", POINT, keyword=True, on_page=True
+        None, "where the optical axis is, in pixels (default: middle)", POINT, keyword=True, on_page=True
     )
     intrinsics: Any = option(
         None,
