@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .numbers import as_numbers
+from .numbers import as_numbers, as_plain
 
 
 class Box(NamedTuple):
@@ -57,4 +57,13 @@ def as_box(name: str, box: object) -> Box:
     Raises:
         ValueError: these are not four finite numbers.
     """
-    return Box(*as_numbers(name, box, "x0, y0, x1, y1"))
+    plain = as_plain(box)
+    write = ""
+    if isinstance(plain, tuple) and len(plain) > 4:  # with confidence and class
+        write = ": write box[:4] of a detector's row"
+    elif isinstance(plain, tuple) and plain and isinstance(plain[0], tuple):
+        write = ": write each row in a call of its own" if len(plain[0]) == 4 else ": write np.ravel(box)"
+    try:
+        return Box(*as_numbers(name, box, "x0, y0, x1, y1"))
+    except ValueError as error:
+        raise ValueError(f"{error}{write}") from None

@@ -103,6 +103,10 @@ def check_box(sides: Sequence[float], height: int, width: int) -> Box:
             if min(box.width, box.height) < 0 and min(box.x1, box.y1) >= 8
             else ""
         )
+        if 0 <= min(box) < max(box) <= 1:  # in parts of the sides
+            write = (
+                f"; of parts of the sides write {(box.x0 * width, box.y0 * height, box.x1 * width, box.y1 * height)}"
+            )
         raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}{write}")
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
         raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")

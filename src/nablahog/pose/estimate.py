@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
-from ..inputs.boxes import Box, as_box
+from ..inputs.boxes import Box
 from ..inputs.cameras import as_view
 from ..inputs.numbers import as_number, as_seed, check_choice
 from ..inputs.pil_images import is_pil
@@ -27,7 +27,7 @@ from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
-from .crop import apply_mask, crop_object
+from .crop import apply_mask, check_box, crop_object
 from .detection import find_boxes
 from .lens import choose_lens
 from .model import DETAIL, equidistant_azimuths, prepared_model
@@ -194,7 +194,7 @@ def estimate_pose(
     exif = exif_focal(photograph) if isinstance(focal, str) and is_pil(photograph) else None  # type: ignore[arg-type]
     lens = choose_lens((image.shape[1], image.shape[2]), focal, principal_point, intrinsics, distortion, exif)
     generator = torch.Generator().manual_seed(as_seed(seed))
-    box = None if box is None else as_box("the box", box)
+    box = None if box is None else check_box(box, image.shape[1], image.shape[2])  # in the photograph's pixels
     if mask is not None:
         image, box = apply_mask(image, as_mask("the mask", mask, (image.shape[1], image.shape[2])), box)
     given_box = box
