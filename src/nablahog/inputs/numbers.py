@@ -154,6 +154,12 @@ def check_type(name: str, value: object, kind: type[Kind], write: str = "") -> K
     return value
 
 
+def check_callable(name: str, value: object, arguments: str) -> None:
+    """Raises TypeError unless ``value`` can be called, with these arguments."""
+    if not callable(value):
+        raise TypeError(f"{name} must be a function of ({arguments}), got {shortened(value)}: leave it out for none")
+
+
 def check_choice(name: str, value: object, choices: Any) -> None:
     """``value`` is one of the literal type, or of the names, ``choices``."""
     allowed = get_args(choices) or tuple(choices)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from .arrays import AS_GRAY, WHITE, as_gray
+from .numbers import shortened
 
 
 def gray_photographs(images: Mapping[str, object], least: tuple[int, int] = (1, 1)) -> dict[str, Tensor]:
@@ -26,6 +27,12 @@ def gray_photographs(images: Mapping[str, object], least: tuple[int, int] = (1, 
         raise TypeError(
             f"images must be a dict of images by name, got {type(images).__name__}: "
             "write {str(k): image for k, image in enumerate(images)}"
+        )
+    unnamed = next((name for name in images if not isinstance(name, str)), None)
+    if unnamed is not None:
+        raise TypeError(
+            f"names of images must be texts, got {shortened(unnamed)}: write {{str(k): image for k, image in "
+            "images.items()}"
         )
     if not images:
         raise ValueError("expected images to learn from, got none")

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import ArrayImage, as_unit_range, check_dense, check_values
+from ..inputs.arrays import LEVEL_OVERSHOOT, ArrayImage, as_unit_range, check_dense, check_values
 from ..inputs.numbers import as_integer, as_number, as_size, as_truth, check_choice, check_type
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
@@ -27,7 +27,8 @@ def check_floats(name: str, tensor: object) -> None:
         check_dense(name, tensor)
     got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
     if got not in (torch.float32, torch.float64):
-        write = f": write {name.split()[-1]}.float()" if isinstance(tensor, Tensor) else ""
+        noun = name.split()[-1]
+        write = f": write {noun}.float(), {noun}.astype('f4') of an array" if isinstance(tensor, Tensor) else ""
         raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}{write}")
 
 
@@ -80,6 +81,9 @@ def convert_images(
     if images.shape != (len(descriptor), 1, *size):
         raise ValueError(f"{name} must have shape {(len(descriptor), 1, *size)}, got {tuple(images.shape)}")
     check_finite(name, images)
+    brightest = float(images.detach().max())
+    if brightest > 1 + LEVEL_OVERSHOOT:
+        raise ValueError(f"{name} must be floats in 0…1, got up to {brightest:g}: divide by the value of white, 255")
     images = images.detach().to(descriptor)
     return images.clamp(min=0).sqrt() if spec.gamma == "sqrt" else images
 

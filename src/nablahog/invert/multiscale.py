@@ -18,7 +18,7 @@ from torch.nn.functional import avg_pool2d
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import Descriptors, as_descriptors
-from ..inputs.numbers import as_integers, as_seed, as_size
+from ..inputs.numbers import as_integers, as_seed, as_size, check_callable
 from ..runtime.pytorch import in_plain_mode
 from .arguments import (
     AsPublished,
@@ -112,6 +112,8 @@ def reconstruct_multiscale(
     [(1, 1, 16, 16), (1, 1, 32, 32)]
     """
     spec, seed = as_spec(spec), as_seed(seed)
+    if progress is not None:
+        check_callable("progress", progress, "done, most")
     check_settings(search, objective)
     scales = as_integers("scales", scales)
     same_descriptor = isinstance(descriptors, Tensor | np.ndarray | str) or not isinstance(descriptors, Iterable)

@@ -17,7 +17,7 @@ from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import ArrayImage, Descriptors, as_descriptors
-from ..inputs.numbers import as_seed
+from ..inputs.numbers import as_seed, check_callable
 from ..runtime.pytorch import in_plain_mode, memory_for
 from .arguments import (
     AsPublished,
@@ -132,6 +132,9 @@ def reconstruct(
     (32, 32)
     """
     spec, seed = as_spec(spec), as_seed(seed)
+    for name, callback, given in (("progress", progress, "done, most"), ("watch", watch, "iterate")):
+        if callback is not None:
+            check_callable(name, callback, given)
     check_settings(search, objective)
     targets, _ = as_descriptors("the descriptor", descriptor)
     size = check_descriptor(targets, spec, image_size)

@@ -92,7 +92,7 @@ class Reconstruction(Generic[Values]):
         """
         from ..io.images import write_image
 
-        path, images = Path(path), self.image.reshape(-1, *self.image.shape[-2:])
+        path, images = Path(os.fsdecode(path)), self.image.reshape(-1, *self.image.shape[-2:])
         for number, image in enumerate(images):
             write_image(path if len(images) == 1 else path.with_stem(f"{path.stem}_{number}"), image)
 

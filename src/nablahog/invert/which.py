@@ -20,7 +20,7 @@ from ..hog import HOGSpec, presets
 from ..hog.layout import TOKEN_CELLS, from_layout
 from ..hog.steps import split_colours
 from ..inputs.arrays import as_array
-from ..inputs.numbers import as_size
+from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import FittedLayout, find_layout, is_row
 from .preimage import reconstruct
 
@@ -132,8 +132,8 @@ def which_hog(
         The candidates, the likeliest first, and the check that decided, if one did.
 
     Raises:
-        TypeError: the array holds no real numbers, or vectors of different lengths.
-        ValueError: a parameter is none of its preset's, or the array holds NaN or Inf.
+        TypeError: the array holds no real numbers, or vectors of different lengths; or ``dialects`` is no dict.
+        ValueError: a parameter is none of its preset's, or the array holds NaN or Inf, or masks some entries.
 
     >>> vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
     >>> found = nablahog.which_hog(vector)
@@ -141,8 +141,15 @@ def which_hog(
     ('skimage', (64, 48))
     """
     array = as_array("the descriptor", array)
+    if not array.ndim:
+        raise ValueError("the descriptor must be an array of one axis or more, got one number: pass all of them")
     if not np.isfinite(array).all():
         raise ValueError("the descriptor must be finite, got NaN or Inf")
+    if dialects is not None and not isinstance(dialects, Mapping):
+        raise TypeError(
+            "dialects must be a dict of known parameters by preset, got "
+            f"{shortened(dialects)}: write {{'uoctti': {{}}}} of one"
+        )
     size = None if image_size is None else as_size("image_size", image_size)
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_strangeness)
     # no descriptor has negative entries, and one that is 0 satisfies all

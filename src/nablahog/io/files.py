@@ -31,15 +31,18 @@ def replacing(path: Writable) -> Iterator[BinaryIO]:
     stream it is written at the end.
 
     Raises:
+        TypeError: ``path`` is neither a path nor a binary stream.
         FileExistsError: ``path`` is a folder or a device.
         OSError: the folder does not exist or cannot be written, or the disk is full; its ``filename`` is ``path``.
     """
-    if not isinstance(path, str | os.PathLike):
+    if not isinstance(path, str | bytes | os.PathLike):
+        if not hasattr(path, "write") or isinstance(path, io.TextIOBase):
+            raise TypeError(f"a file to write must be a path or a binary stream, got {type(path).__name__}")
         memory = io.BytesIO()
         yield memory
         path.write(memory.getvalue())
         return
-    path = Path(os.path.realpath(path))  # a link keeps its target
+    path = Path(os.path.realpath(os.fsdecode(path)))  # a link keeps its target
     if path.exists() and not path.is_file():
         raise FileExistsError(f"{path} cannot be written: it is not a regular file")
     # a random name: in containers and on other hosts, process numbers repeat

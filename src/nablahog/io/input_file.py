@@ -85,5 +85,10 @@ Readable: TypeAlias = str | os.PathLike[str] | InputFile
 
 
 def input_file(file: Readable) -> InputFile:
-    """The file of a path, or ``file`` itself."""
-    return file if isinstance(file, InputFile) else InputFile(os.fspath(file))
+    """The file of a path, or ``file`` itself.  Raises TypeError for anything else."""
+    if isinstance(file, InputFile):
+        return file
+    if not isinstance(file, str | bytes | os.PathLike):
+        write = "write nablahog.io.input_file.InputFile('a.npz', stream.read()) of a stream, with its file's name"
+        raise TypeError(f"a file to read must be a path, got {type(file).__name__}: {write}")
+    return InputFile(os.fsdecode(file))

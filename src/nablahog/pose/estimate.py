@@ -18,7 +18,7 @@ from torch import Tensor
 from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.boxes import Box
 from ..inputs.cameras import as_view
-from ..inputs.numbers import as_number, as_seed, check_choice
+from ..inputs.numbers import as_number, as_seed, check_callable, check_choice
 from ..inputs.pil_images import is_pil
 from ..io.images import exif_focal
 from ..render import Mesh
@@ -188,6 +188,8 @@ def estimate_pose(
         raise ValueError(f"`within` {within:g} needs `initial`, the azimuth from which it is measured")
     if within < 180 and method != "best":
         raise ValueError(f"`within` is for `method` 'best' alone, got {within:g} for {method!r}")
+    check_callable("progress", progress, "done, total, what")
+    check_callable("watch", watch, "model, pose")
     kind = similarity or ("patches" if method in RENDERERS else "calibrated")
     image, view = as_photograph("the photograph", photograph), None if initial is None else as_view("initial", initial)
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator

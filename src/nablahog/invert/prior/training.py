@@ -19,7 +19,7 @@ from torch.optim.lr_scheduler import OneCycleLR
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...inputs.arrays import ArrayImage
-from ...inputs.numbers import as_integer, check_choice
+from ...inputs.numbers import as_integer, check_callable, check_choice
 from ...inputs.training_images import gray_photographs
 from ...io.files import replacing
 from ...io.input_file import input_file
@@ -123,6 +123,7 @@ def train_prior(
     if epochs is None:
         epochs = max(1, round(training.default_crops / training.crops))
     epochs = as_integer("epochs", epochs)
+    check_callable("progress", progress, "done, total, what")
     digest, start_digest = digest_of_images(photographs), "" if start is None else digest_of_weights(start.weights)
     identity = {
         "images": digest,

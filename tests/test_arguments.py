@@ -1,0 +1,78 @@
+"""Arguments of several functions that are no numbers: callbacks, files, names."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import nablahog
+from nablahog import estimate_pose, hog, load_descriptor, reconstruct, save_descriptor, train_prior, which_hog
+
+from .boundary.columns.plain import BOX, DESCRIPTOR, IMAGE, MESH, SIZE, SMALL
+
+READERS = (load_descriptor, nablahog.load_mesh, nablahog.LearnedPrior.load)
+
+
+@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("path", [None, 3, io.BytesIO(b"x")])
+def test_what_is_no_path_is_not_read(read: Any, path: Any) -> None:
+    with pytest.raises(TypeError, match="must be a path"):
+        read(path)
+
+
+@pytest.mark.parametrize("path", [None, 3, io.StringIO()])
+def test_what_is_no_path_is_not_written(path: Any) -> None:
+    with pytest.raises(TypeError, match="a path or a binary stream"):
+        save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)
+
+
+def test_paths_may_be_bytes(tmp_path: Path) -> None:
+    path = os.fsencode(tmp_path / "d.npz")
+    save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)  # type: ignore[arg-type]
+    assert torch.equal(load_descriptor(path).descriptor, DESCRIPTOR[0])  # type: ignore[arg-type]
+
+
+def test_callbacks_are_functions() -> None:
+    quick: dict[str, Any] = {"quality": "fast", "prior": None}
+    for call in (
+        lambda: estimate_pose(IMAGE, MESH, box=BOX, progress=None),  # type: ignore[arg-type]
+        lambda: estimate_pose(IMAGE, MESH, box=BOX, watch=3),  # type: ignore[arg-type]
+        lambda: reconstruct(DESCRIPTOR, "uoctti", SIZE, progress=3, **quick),
+        lambda: reconstruct(DESCRIPTOR, "uoctti", SIZE, watch=3, **quick),
+        lambda: nablahog.reconstruct_multiscale(DESCRIPTOR, "uoctti", SIZE, progress=3),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(TypeError, match="must be a function"):
+            call()
+
+
+def test_images_of_a_search_are_in_0_to_1() -> None:
+    for name in ("start", "expected"):
+        with pytest.raises(ValueError, match="divide by the value of white"):
+            reconstruct(DESCRIPTOR, "uoctti", SIZE, quality="fast", prior=None, **{name: SMALL * 255})
+
+
+def test_names_of_images_are_texts() -> None:
+    with pytest.raises(TypeError, match="str"):
+        train_prior({0: IMAGE, "a": IMAGE}, "uoctti", epochs=1)  # type: ignore[dict-item]
+
+
+def test_which_hog_takes_what_other_functions_take() -> None:
+    vector = hog(IMAGE, "skimage", layout="native")
+    found = which_hog(vector, IMAGE.shape)
+    for same in (torch.from_numpy(vector), vector.tolist(), vector.astype(object)):
+        assert which_hog(same, IMAGE.shape) == found  # type: ignore[arg-type]
+    for wrong in (None, "d.npz", vector + 0j):
+        with pytest.raises(TypeError, match="real numbers"):
+            which_hog(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="masked"):
+        which_hog(np.ma.masked_array(vector, vector > 0.1))
+    with pytest.raises(ValueError, match="one number"):
+        which_hog(np.float32(3))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="must be a dict"):
+        which_hog(vector, dialects=["skimage"])  # type: ignore[arg-type]
