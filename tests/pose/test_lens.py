@@ -16,6 +16,7 @@ from torch import Tensor
 import nablahog
 from nablahog import PoseEstimate, estimate_pose, render
 from nablahog.inputs.boxes import Box
+from nablahog.inputs.cameras import as_intrinsics
 from nablahog.render import pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.conventions import move_before_camera, pose_matrix
@@ -140,3 +141,8 @@ def test_a_single_model_has_the_name_of_its_file(tmp_path: Path) -> None:
     found = estimate_pose(torch.rand(1, 64, 64, generator=torch.Generator().manual_seed(0)), mesh, **options)
     found.save(tmp_path / "pose.json")
     assert json.loads((tmp_path / "pose.json").read_text())["model"] == found.model == "my chair"
+
+
+def test_the_error_of_a_flat_camera_matrix_says_how_to_shape_it() -> None:
+    with pytest.raises(ValueError, match="reshape"):
+        as_intrinsics("intrinsics", (700, 0, 320, 0, 700, 240, 0, 0, 1))

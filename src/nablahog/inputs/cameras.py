@@ -153,7 +153,8 @@ def as_intrinsics(name: str, intrinsics: object) -> tuple[float, float, float, f
         plain = (fx, fy, cx, cy)
     expected = "a camera matrix (3, 3), or fx, fy, cx, cy in pixels with focal lengths above 0"
     if not isinstance(plain, tuple) or len(plain) != 4 or not all(map(is_finite, plain)):
-        raise ValueError(f"{name} must be {expected}, got {shortened(intrinsics)}")
+        write = ": write np.reshape(K, (3, 3))" if isinstance(plain, tuple) and len(plain) == 9 else ""  # of ROS
+        raise ValueError(f"{name} must be {expected}, got {shortened(intrinsics)}{write}")
     fx, fy = _check_focal(name, intrinsics, plain[:2], expected)
     return fx, fy, float(plain[2]), float(plain[3])
 
