@@ -129,8 +129,7 @@ def inputs(command: argparse.ArgumentParser, more: str = "") -> None:
         nargs="+",
         type=typed(read_path),
         metavar="INPUT",
-        help="a photograph; a file of `nablahog hog`; with --preset, an array of another library (.npy, .npz, .mat); "
-        f"{SEVERAL}{more}",
+        help=f"a photograph; a file of `nablahog hog`; an array of another library (.npy, .npz, .mat); {SEVERAL}{more}",
     )
 
 
