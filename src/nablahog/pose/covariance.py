@@ -34,12 +34,12 @@ def _scales(factors: tuple[float, ...], floors: tuple[float, ...]) -> Scales:
     return Scales(*(torch.tensor(numbers, dtype=torch.float64) for numbers in (factors, floors)))
 
 
-KNOWN_FOCAL = _scales((1.0, 0.85, 1.25, 0.9, 0.65, 0.7), (0.12, 0.1, 0.12, 0.06, 0.08, 0.08))
-ASSUMED_FOCAL = _scales((1.05, 0.9, 0.0, 0.95, 0.7, 0.9), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
+KNOWN_FOCAL = _scales((1.0, 0.85, 1.25, 0.9, 0.65, 0.75), (0.12, 0.1, 0.12, 0.06, 0.08, 0.08))
+ASSUMED_FOCAL = _scales((1.15, 1.05, 0.0, 0.95, 0.85, 1.1), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
 _FLATTEST = 0.1  # smallest curvature along an axis, as a fraction of the largest: a fit to jags may show less
 _AZIMUTH, _DISTANCE = PARAMETERS.index("azimuth"), PARAMETERS.index("distance")
 _FAR = 0.7  # exponent of the distance in the factor of its standard deviation, beyond :data:`.crop.DISTANCE`
-_STEP = 1e-3  # of central differences of a smooth map, in degrees, units and pixels
+_STEP = 1e-3  # pixels, of central differences of a smooth map
 
 
 def pose_covariance(
@@ -80,12 +80,14 @@ def pose_covariance(
 
 
 def _photograph_slopes(pose: Tensor, crop: ObjectCrop, size: Sequence[int]) -> Tensor:
-    """(6, 6): derivatives of the pose in the photograph by that in the crop, (6,)."""
-    columns = []
-    for step in _STEP * torch.eye(len(pose), dtype=pose.dtype):
+    """(6, 6): derivatives of the pose in the photograph by that in the crop, (6,), of which only x and y bend."""
+    slopes = torch.eye(len(pose), dtype=pose.dtype)
+    for place in (PARAMETERS.index("x"), PARAMETERS.index("y")):
+        step = torch.zeros_like(pose)
+        step[place] = _STEP
         after, before = (crop.place_in_photograph(moved, *size)[0] for moved in (pose + step, pose - step))
-        columns.append((after - before) / (2 * _STEP))
-    return torch.stack(columns, 1)
+        slopes[:, place] = (after - before) / (2 * _STEP)
+    return slopes
 
 
 def position_covariance(covariance: Tensor, distance: float, ray: Tensor, focal: float) -> Tensor:
