@@ -102,9 +102,9 @@ class HOGDescriptor(Parameters):
             ValueError: the image is of another shape, or smaller, with its padding, than a window.
         """
         padded, corners = place_windows(*self._check_arguments(img, winStride, padding, "locations", locations))
-        inside = padded.inside(corners, self.winSize)
-        if inside.all():
+        if locations is None:  # all are in the image
             return describe_windows(padded, corners, self._scheme).reshape(-1)
+        inside = padded.inside(corners, self.winSize)
         out = np.zeros((len(corners), self.getDescriptorSize()), np.float32)
         out[inside] = describe_windows(padded, corners[inside], self._scheme)
         return out.reshape(-1)
