@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -105,3 +106,9 @@ for white in (1, 255, 255, 255):
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.count("far beyond 0…1") == 1
+
+
+def test_a_width_of_three_pixels_may_be_a_cell() -> None:
+    """Images of many channels, too, that look as if channels came last."""
+    spec = replace(presets.paper(cell_size=5), partial_cells="round")
+    assert hog(torch.rand(2, 5, 3, 3), spec).shape[1:3] == (1, 1)

@@ -105,9 +105,10 @@ def hog(
 
 def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
     """Raises for images that have no descriptor, and warns of channels (B, C, H, W) that are seldom meant."""
-    # these channels would be columns, too few for a cell
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
-    if images.dim() != 4 or images.shape[1] < 1 or (last and images.shape[3] < spec.cell_size[1]):
+    if last:  # their channels would be columns, too few for a cell
+        last = spec.pooling.cells(images.shape[-1], spec.cell_size[1], 1, spec.partial_cells) < 1
+    if images.dim() != 4 or images.shape[1] < 1 or last:
         advice = {2: "images[None, None]", 3: "images[None] for one image (C, H, W), images[:, None] for gray ones"}
         if last:
             advice = {3: "images.permute(2, 0, 1)[None]", 4: "images.permute(0, 3, 1, 2)"}
