@@ -9,7 +9,8 @@ have been prepared: in the second of two passes over all objects.  The last colu
 are simplified and their views all around rendered.  With --growth the table is of the time by the number of models to
 choose among, which are not the object's own.  With --heights the known chairs that ship have so many pixels, and cast
 shadows; with --jitter boxes are off by up to these shares of their sides, five for each scene, which has one answer if
-the five azimuths are within 15°.
+the five azimuths are within 15°.  With --box-only no initial pose is given, and all conditions have the look of
+another renderer, with shadows.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from nablahog.inputs.boxes import as_box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
 from nablahog.metrics import VIEW_COUNTS, azimuth_error, rotation_error, same_view
 from nablahog.paper.annotations import Example, read_viewpoints, sample_viewpoints
-from nablahog.paper.examples import render_examples
+from nablahog.paper.examples import CONDITIONS, render_examples
 from nablahog.paper.scenes import CHAIRS, SceneSettings, scene
 from nablahog.render.models import archived_models, check_models, load_meshes, read_models
 from timing import Summary, digits, summary, table
@@ -47,6 +48,7 @@ def objects(
     unknown_model: bool = False,
     seed: int = 0,
     condition: str = "",
+    box_only: bool = False,
 ) -> list[Example]:
     """So many scenes of the models of a folder, or of chairs that ship, from the viewpoints of a file, or random."""
     chairs = archived_models(CHAIRS) if models is None else check_models(read_models(models)[0])[0]
@@ -54,6 +56,12 @@ def objects(
         sample_viewpoints(10_000, np.random.default_rng(seed)) if viewpoints is None else read_viewpoints(viewpoints)
     )
     clutter = [sample_photograph(name) for name in SAMPLE_NAMES]
+    if box_only:
+        hard = replace(CONDITIONS[condition or "exact"], settings=CONDITIONS["renderer"].settings, has_initial=False)
+        meshes = {chair.name: chair.mesh() for chair in chairs}
+        scenes = [hard.scene(index, meshes, angles, clutter, seed=seed) for index in range(count)]
+        own = {made.model: tuple(one for one in chairs if (one.name == made.model) != unknown_model) for made in scenes}
+        return [replace(made, candidates=own[made.model]) for made in scenes]
     some = render_examples(
         count, chairs, angles, clutter, origin="", unknown_model=unknown_model, seed=seed, condition=condition
     )
@@ -68,6 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--unknown-model", action="store_true", help="leave an object's own model out")
+    parser.add_argument("--box-only", action="store_true", help="no initial pose, and the look of another renderer")
 
 
 def objects_of(options: argparse.Namespace, condition: str = "") -> list[Example]:
@@ -79,6 +88,7 @@ def objects_of(options: argparse.Namespace, condition: str = "") -> list[Example
         unknown_model=options.unknown_model,
         seed=options.seed,
         condition=condition,
+        box_only=options.box_only,
     )
 
 

@@ -196,16 +196,19 @@ def test_an_object_anywhere_loses_with_each_halving_of_its_size() -> None:
     assert float(anywhere.penalty(level, anywhere.crop_around((0, 0, 160, 120)))) == pytest.approx(0, abs=1e-9)
 
 
-def test_the_best_view_is_searched_however_bad_it_is() -> None:
+def test_no_view_loses_by_climbing() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
-    (view,) = search.find_level_views()[:1]
-    bad = view.move(view.pose, -1.0, -1.0)
-    assert search.select_promising([bad, view.move(view.pose, -5.0, -5.0)]) == [bad]
+    views = search.find_level_views()
+    best = views[0].move(views[0].pose, 99.0, 99.0)
+    climbed = search.climb([best, *views])
+    assert climbed[0] is best
+    assert all(after.score >= before.score for after, before in zip(climbed[1:], views, strict=True))
+    assert climbed[1:] != views
 
 
 def test_there_may_be_no_views_elsewhere() -> None:
     search = BestSearch(problem(initial=(0.0, 10.0)))
-    assert search.tilt(search.select_promising([])) == []
+    assert search.climb([]) == search.tilt([]) == []
 
 
 def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:

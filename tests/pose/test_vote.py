@@ -11,11 +11,11 @@ from nablahog.pose import estimate_pose
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.vote import (
     Hypothesis,
-    add_rival,
     compare_shares,
     mean_viewpoint,
     midway_azimuth,
     select_other_sides,
+    select_promising,
     select_runners_up,
     vote,
 )
@@ -100,14 +100,25 @@ def test_a_pose_that_fits_better_counts_more() -> None:
     assert degrees_between(float(mean_viewpoint(side)[0]), 0) < 0.5
 
 
-def test_the_rival_looks_from_elsewhere_and_is_nearly_as_good() -> None:
-    assert [one.azimuth for one in add_rival(poses([0, 10, 90, 180], [5.0, 4.9, 4.3, 4.5]))] == [0, 180]
-    assert [one.azimuth for one in add_rival(poses([0, 350, 180], [5.0, 4.9, 3.9]))] == [0]
-    penalised = poses([0, 180], [5.0, 4.9], penalty=[0.5, 0.0])
-    assert [one.azimuth for one in add_rival(penalised)] == [180, 0]
+def promising(azimuths: list[float], similarities: list[float], penalty: list[float] | None = None) -> list[float]:
+    return [one.azimuth for one in select_promising(poses(azimuths, similarities, penalty=penalty), 3)]
 
 
-def test_more_starts_look_from_elsewhere() -> None:
+def test_promising_poses_differ_and_are_nearly_as_good_as_the_best() -> None:
+    assert promising([0, 10, 90, 180], [5.0, 4.9, 4.3, 4.5]) == [0, 180, 90]
+    assert promising([0, 10, 180], [5.0, 4.9, 3.4]) == [0]
+    assert promising([0, 100, 200, 300], [5.0, 4.0, 4.5, 4.2]) == [0, 200, 300]
+    assert promising([0, 180], [5.0, 4.9], penalty=[0.5, 0.0]) == [180, 0]
+    assert promising([0, 180], [-1.0, -5.0]) == [0]  # the best, however bad it is
+
+
+def test_poses_of_one_side_that_are_tilted_otherwise_differ() -> None:
+    upright, tilted = poses([0, 5], [5.0, 4.9])
+    tilted.pose[3] = 20
+    assert select_promising([upright, tilted], 2) == [upright, tilted]
+
+
+def test_runners_up_look_from_elsewhere() -> None:
     views = poses([0, 100, 110, 5, 200], [3.0, 2.0, 1.9, 2.5, 1.0])
     assert [one.azimuth for one in select_other_sides(views, [0.0], 2)] == [100, 200]
 

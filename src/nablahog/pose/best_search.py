@@ -1,4 +1,4 @@
-"""The default search: views all around, the best of them tilted, and an ascent from the best of these."""
+"""The default search: views all around, coarse ascents from the best of them, fine ascents from the best of these."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ from .surroundings import FOUND, ROUGH, describe_surroundings, find_views
 from .viewpoint_prior import ViewpointPrior
 from .vote import (
     Hypothesis,
-    add_rival,
     azimuth_evidence,
     compare_shares,
     confidence,
@@ -39,7 +38,7 @@ from .vote import (
     mean_viewpoint,
     midway_azimuth,
     recognizes_models,
-    select_other_sides,
+    select_promising,
     select_runners_up,
     sort_by_score,
     vote,
@@ -49,26 +48,28 @@ VOTERS = 36  # views of several models that are tilted and ascended from, inside
 VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
-_VIEW_MAXIMA = 4  # local maxima of a model's views, at most, that are tilted
-_PROMISING_SHARE = 0.75  # of the best view's similarity: views above it may still turn out to be the best
+_VIEW_MAXIMA = 4  # local maxima of a model's views, at most, from which a search goes on
+_OTHER_VIEWS = 6  # of a single model, of another box or tilted: the right one is nearly always among them
+_FINE_STARTS = 3  # poses of a single model, at most, from which fine ascents start
+COARSE_SCHEDULE = Round(4, 1.0, slopes=True), Round(4, 0.8, slopes=True)  # of ascents from views of a single model
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
-_ENOUGH_COARSE = 6.5  # coarse similarity of views that fill the given box, from which on no other boxes are searched
-_ENOUGH_FINE = 8.0  # fine similarity from which on no further ascents are tried
-_MORE_ASCENTS = 2  # if those from the best pose and its rival end at a low similarity
+# coarse similarities near views that fill the given box, from which on no other boxes are searched
+_ENOUGH_TILTED, _ENOUGH_CLIMBED = 6.5, 8.0
 _AVERAGED = 8  # best poses of the side with most votes, whose viewpoints are averaged
 
 
 def best_search(problem: PoseProblem) -> PoseEstimate:
-    """Searches views coarsely, tilts the best of them, and ascends over all parameters from the best of these.
+    """Searches views coarsely, climbs a little from the best of them, and ascends from the best of these.
 
-    The calibrated similarity has smaller cells in the last step.  Of several models, poses vote for a side of the
-    object first: a single wrong model may fit any side.
+    All ascents are over all parameters; the calibrated similarity has smaller cells in the last ones.  Of several
+    models, views are only tilted before poses vote for a side of the object: a single wrong model may fit any side.
     """
     search = BestSearch(problem)
-    tilted = search.tilt(search.select_promising(search.find_level_views()))
-    if search.calibrated and max(hypothesis.similarity for hypothesis in tilted) < _ENOUGH_COARSE:
-        tilted += search.tilt(search.select_promising(search.find_other_views()))
-    return search.choose_by_vote(tilted) if search.voting else search.choose_best(tilted)
+    approach, enough = (search.tilt, _ENOUGH_TILTED) if search.voting else (search.climb, _ENOUGH_CLIMBED)
+    found = approach(search.find_level_views())
+    if search.calibrated and max(hypothesis.similarity for hypothesis in found) < enough:
+        found += approach(search.find_other_views())
+    return search.choose_by_vote(found) if search.voting else search.choose_best(found)
 
 
 class BestSearch:
@@ -78,24 +79,17 @@ class BestSearch:
         self.problem = problem
         self.calibrated = problem.similarity == "calibrated"  # only then can poses be compared whatever box they fill
         self.voting = len(problem.models) > 1 and self.calibrated
-        self.most_views = VOTERS if self.voting else _VIEW_MAXIMA  # that are looked at closely
         self._similarities: list[Similarity] = []
         self._cached_views = 0  # that were compared with the photograph
         self._watching = Lock()
 
-    def choose_best(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
+    def choose_best(self, climbed: Sequence[Hypothesis]) -> PoseEstimate:
         """The best pose of a single model, or of a similarity for which there is no vote."""
-        chosen = add_rival(tilted)
+        chosen = select_promising(climbed, _FINE_STARTS)
         refined = self.ascend(chosen)
-        if self.calibrated:
-            for start in select_other_sides(tilted, [pose.azimuth for pose in chosen], _MORE_ASCENTS):
-                if max(hypothesis.similarity for hypothesis in refined) >= _ENOUGH_FINE:
-                    break
-                chosen.append(start)
-                refined += self.ascend([start])
         best = max(refined, key=lambda hypothesis: hypothesis.score)
-        traced = [*refined, *(hypothesis for hypothesis in tilted if hypothesis not in chosen)]
-        return self._estimate(best, traced, compare_shares(best, refined, tilted), agreement=1.0)
+        traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in chosen)]
+        return self._estimate(best, traced, compare_shares(best, refined, climbed), agreement=1.0)
 
     def choose_by_vote(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
         """The side on which poses of several models agree, and the best of these."""
@@ -114,7 +108,7 @@ class BestSearch:
         return self._estimate(best, traced, shares, agreement=share)
 
     def find_level_views(self) -> list[Hypothesis]:
-        """The best views of all models at all elevations, at most :attr:`most_views`, the best first."""
+        """The best views of all models at all elevations, the best first."""
         azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self.problem.level_penalties
         found: list[tuple[float, float, str, float, Tensor]] = []
         for name, model in self.problem.iterate_models():
@@ -125,29 +119,28 @@ class BestSearch:
                 for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
                     found.append((value - penalties[elevation], value, name, elevation, azimuth))
         finite = sorted((view for view in found if math.isfinite(view[0])), key=lambda view: -view[0])
-        return [self._place_level_view(*view[1:]) for view in finite[: self.most_views]]
+        return [self._place_level_view(*view[1:]) for view in finite[: VOTERS if self.voting else _VIEW_MAXIMA]]
 
     def find_other_views(self) -> list[Hypothesis]:
         """The best views of all models that fill another box or are tilted, the best first."""
         problem, found = self.problem, []
+        maxima, most = (_VIEW_MAXIMA, VOTERS) if self.voting else (_OTHER_VIEWS, _OTHER_VIEWS)
         places = [problem.photograph, *map(problem.crop_around, problem.other_boxes or ())]
         reach = ROUGH if problem.other_boxes is None else FOUND
         surroundings = [describe_surroundings(place, problem.image, problem.tilts, reach) for place in places]
         for name, model in problem.models.items():
             for place, around in zip(places, surroundings, strict=True):
-                views = find_views(model, place, around, problem.elevations, problem.allowed, _VIEW_MAXIMA)
+                views = find_views(model, place, around, problem.elevations, problem.allowed, maxima)
                 for pose, value in zip(views[0], views[1].tolist(), strict=True):
                     found.append((value - float(problem.penalty(pose[None], place)), value, name, place, pose))
-        best = sorted(found, key=lambda view: -view[0])[: self.most_views]
+        best = sorted(found, key=lambda view: -view[0])[:most]
         reframed = (self._reframe(*view[1:]) for view in best)
         return [view for view in reframed if view is not None]
 
-    def select_promising(self, views: Sequence[Hypothesis]) -> Sequence[Hypothesis]:
-        """Those ``views``, the best first, that are nearly as good as the best; all for a vote."""
-        if self.voting or not views:
-            return views
-        least = views[0].score - (1 - _PROMISING_SHARE) * abs(views[0].score)
-        return [view for view in views if view.score >= least]
+    def climb(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The end of a short ascent of the coarse similarity from each view, or the view if it is no better."""
+        climbed = self.ascend(views, COARSE_SCHEDULE, fine=False)
+        return [max(pair, key=lambda hypothesis: hypothesis.score) for pair in zip(views, climbed, strict=True)]
 
     def tilt(self, views: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The best of small turns of azimuth and in the image plane, of each view.
@@ -157,9 +150,11 @@ class BestSearch:
         similarities = [self._similarity(view) for view in views]  # made before threads ask for them
         return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
 
-    def ascend(self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE) -> list[Hypothesis]:
+    def ascend(
+        self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE, *, fine: bool = True
+    ) -> list[Hypothesis]:
         """The highest similarity near each start, of any models, by rounds of quadratic ascents."""
-        similarities = [self._similarity(start, fine=True) for start in starts]
+        similarities = [self._similarity(start, fine=fine) for start in starts]
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
         return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
 
@@ -272,12 +267,13 @@ class BestSearch:
         self._watch(view, pose)
         return view.move(pose, value, value, float(penalties[best]))
 
-    def _ascend(self, start: Hypothesis, fine: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
+    def _ascend(self, start: Hypothesis, similarity: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
         generator = torch.Generator().manual_seed(seed)
         watch = partial(self._watch, start)
-        pose, hessian = quadratic_ascent(fine, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
-        value = float(fine.values(pose[None]))
-        coarse = float(self._similarity(start).values(pose[None]))
+        pose, hessian = quadratic_ascent(similarity, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
+        value = float(similarity.values(pose[None]))
+        climbing = similarity.template is start.photograph.template(self.problem.similarity)  # the coarse one itself
+        coarse = value if climbing else float(self._similarity(start).values(pose[None]))
         penalty = float(self.problem.penalty(pose[None], start.photograph))
         return start.move(wrap_angles(pose), value, coarse, penalty, wrap_hessian(hessian, pose))
 
