@@ -373,6 +373,7 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
     mesh = load_mesh(tmp_path / "models" / "wooden.off")
     for row, each in zip(rows, whole["annotations"], strict=True):
         assert row["model"] == each["model"] == "wooden"
+        assert each["covariance"] is each["standard_deviations"] is None  # of several models
         assert degrees_between(float(row["azimuth"]), TRUE[row["image"]]) < 3
         matrix = np.array([float(row[f"m{i}{j}"]) for i in range(3) for j in range(4)]).reshape(3, 4)
         assert np.array_equal(matrix, np.array(each["matrix"])[:3])
