@@ -67,7 +67,7 @@ class Hypothesis:
     place: PreparedPhotograph  # the crop around the box that was given, or that the object may be in
     trace: tuple[tuple[float, float], ...] = ()  # azimuth and coarse similarity of the poses so far
     penalty: float = 0.0  # subtracted from the similarity in comparisons, see :meth:`.problem.PoseProblem.penalty`
-    hessian: Tensor | None = None  # (6, 6): of the fine similarity at its maximum; None before the ascent
+    hessian: Tensor | None = None  # (6, 6): of the similarity at the end of the last ascent; None before
 
     def move(
         self, pose: Tensor, similarity: float, coarse: float, penalty: float = 0.0, hessian: Tensor | None = None
