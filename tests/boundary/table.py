@@ -29,7 +29,8 @@ Kind: TypeAlias = Literal[
 State: TypeAlias = Literal["equal", "refused", "failing", "none"]
 LONGEST = 900  # characters of a sentence
 REMEDY = re.compile(
-    r"must|expected|should|write|pass |give|need|use |one of|divide|convert|specify|choose|there are|has (the )?shape",
+    r"must|expected|should|write|save|pass |give|need|use |one of|divide|convert|specify|choose|there are|"
+    r"has (the )?shape",
     re.IGNORECASE,
 )
 

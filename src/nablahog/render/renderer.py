@@ -149,9 +149,10 @@ class Renderer:
             derivative: whether to compute the screen gradient.
 
         Raises:
-            TypeError, ValueError: ``poses`` is no floating point tensor (B, 6).
+            TypeError, ValueError: ``poses`` is no floating point tensor (B, 6), or has no values.
         """
-        poses = check_shape("poses", poses, ("B", 6)).double()  # the loops read six numbers of each
+        check_values("poses", check_shape("poses", poses, ("B", 6)))
+        poses = poses.double()  # the loops read six numbers of each
         camera, shape = self.camera, (len(poses), self.camera.height, self.camera.width)
         behind = torch.as_tensor(background, dtype=torch.float32, device=poses.device).detach().expand(shape)
         if not native.can_read(poses):

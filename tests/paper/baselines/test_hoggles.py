@@ -63,7 +63,7 @@ def test_codes_of_one_atom() -> None:
 
 def test_needs_scikit_learn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sklearn.linear_model", None)
-    with pytest.raises(ValueError, match=r"sklearn.*nablahog\[sklearn\]"):
+    with pytest.raises(ValueError, match=r"sklearn.*pip install scikit-learn"):
         positive_lasso(torch.eye(2), torch.eye(2), 0.02)
 
 
