@@ -76,7 +76,8 @@ def polarity(options: argparse.Namespace) -> None:
             size = images.shape[2], images.shape[3]
             results = {name: reconstruct(hog(images, spec), spec, size, quality="fast") for name, spec in specs.items()}
             paper = specs["paper"]
-            scales = reconstruct_multiscale(scale_descriptors(images, paper), paper, size)
+            several: list[Tensor] = scale_descriptors(images, paper)
+            scales = reconstruct_multiscale(several, paper, size)
             results["multi-scale-more"] = scales[-1].reconstruction
             for name, result in results.items():
                 assert result.polarity_confidence is not None

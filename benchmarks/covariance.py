@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -93,13 +94,17 @@ def main() -> None:
                 example = CONDITIONS[options.condition].apply(example, options.seed, index)
             middle = one.camera.width / 2
             axis = middle + float(one.pose[4]), middle + float(one.pose[5])  # of a camera that looks at the object
-            for focal, lens in (("known", {"focal": one.camera.focal, "principal_point": axis}), ("assumed", {})):
+            lenses: dict[str, dict[str, Any]] = {
+                "known": {"focal": one.camera.focal, "principal_point": axis},
+                "assumed": {},
+            }
+            for focal, lens in lenses.items():
                 errors = ratios(one, estimate_pose(example.image, models[one.model], box=example.box, **lens))
                 measured[focal] += [] if errors is None else [errors]
-        for focal, errors in measured.items():
-            columns = [column[~np.isnan(column)] for column in np.array(errors).T]
+        for focal, all_errors in measured.items():
+            columns = [column[~np.isnan(column)] for column in np.array(all_errors).T]
             shares = [f"{100 * (c <= 1).mean():.0f} / {100 * (c <= 2).mean():.0f}" if len(c) else "–" for c in columns]
-            rows.append([f"{renderer}; focal length {focal}", str(len(errors)), *shares])
+            rows.append([f"{renderer}; focal length {focal}", str(len(all_errors)), *shares])
     print(table(["renderer", "right", *COLUMNS], rows))
 
 

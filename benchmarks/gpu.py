@@ -206,7 +206,7 @@ def measure_prior(folder: Path | None) -> None:
 def measure_poses() -> None:
     """Views of a chair at once and one by one: images with derivatives by poses, depths and normals."""
     mesh = sample_chairs()["wooden-0"]
-    mesh = Mesh(*(part.cuda() for part in (mesh.vertices, mesh.faces, mesh.brightness)))
+    mesh = Mesh(mesh.vertices.cuda(), mesh.faces.cuda(), mesh.brightness.cuda())
     camera = Camera.from_field_of_view(30, VIEW, VIEW)
     where = torch.cat([pose(azimuth=360 * k / VIEWS, elevation=20, distance=3) for k in range(VIEWS)]).cuda()
     renderer = Renderer(mesh, camera)

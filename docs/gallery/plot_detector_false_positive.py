@@ -8,6 +8,7 @@ the same HOG: it shows what was left of the photograph for the detector, after V
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import Rectangle
 from PIL import Image
 from skimage import data
 
@@ -19,7 +20,7 @@ detector.setSVMDetector(HOGDescriptor.getDefaultPeopleDetector())
 photograph = np.ascontiguousarray(data.rocket())  # nobody is in it
 boxes, scores = detector.detectMultiScale(photograph, winStride=(8, 8), scale=1.05, groupThreshold=0)
 x, y, width, height = boxes[np.argmax(scores)]
-print(f"{len(boxes)} people; the surest, score {scores.max():.2f}, at x {x}, y {y}, {width}x{height} pixels")
+print(f"{len(boxes)} people; the surest, score {np.max(scores):.2f}, at x {x}, y {y}, {width}x{height} pixels")
 
 # %%
 # The window, as large as the detector's
@@ -43,7 +44,7 @@ for name, pixels in ("window", np.asarray(window)), ("pre-image", gray):
 
 figure, axes = plt.subplots(1, 4, figsize=(9, 4.2), width_ratios=[2.2, 1, 1, 1], layout="constrained")
 axes[0].imshow(photograph)
-axes[0].add_patch(plt.Rectangle((x, y), width, height, fill=False, color="tab:red", linewidth=2))
+axes[0].add_patch(Rectangle((x, y), width, height, fill=False, color="tab:red", linewidth=2))
 axes[1].imshow(window)
 axes[2].imshow(nablahog.glyphs(descriptor, spec), cmap="gray")
 axes[3].imshow(gray, cmap="gray", vmin=0, vmax=255)

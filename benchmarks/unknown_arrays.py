@@ -1,6 +1,6 @@
 """How often is a descriptor of unknown origin recognised, how often is it asked about, and is the answer ever wrong?
 
-    python benchmarks/which_hog.py [--images DIR] [--photographs 2] [--rows 8] [--part judging] [--threads 1]
+    python benchmarks/unknown_arrays.py [--images DIR] [--photographs 2] [--rows 8] [--part judging] [--threads 1]
 
 Descriptors of photographs in all presets, three sizes and three sets of parameters each, as `nablahog.which_hog` gets
 them: in one row, and as a matrix of several.  An answer is right if dialect, parameters, layout and size of the image
@@ -30,8 +30,8 @@ from timing import table
 
 SIZES = ((64, 64), (128, 64), (96, 128))  # height, width
 SAMPLES = ("camera", "astronaut", "coffee", "coins", "chelsea", "rocket", "cat", "hubble_deep_field")
-_ORIENTATIONS = ({}, {"orientations": 8}, {"orientations": 12})
-_CELLS = ({}, {"cell_size": 4}, {"cell_size": 6})
+_ORIENTATIONS: tuple[dict[str, Any], ...] = ({}, {"orientations": 8}, {"orientations": 12})
+_CELLS: tuple[dict[str, Any], ...] = ({}, {"cell_size": 4}, {"cell_size": 6})
 PARAMETERS: dict[str, tuple[dict[str, Any], ...]] = {
     "aubry": _ORIENTATIONS,
     "cnn_hog": _ORIENTATIONS,
