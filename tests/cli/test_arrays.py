@@ -116,7 +116,7 @@ def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused
     path, out = str(tmp_path / "d.npy"), ["-o", str(tmp_path / "out")]
     np.save(path, array)
     np.save(tmp_path / "nine.npy", array[:9])
-    refused("invert", str(tmp_path / "nine.npy"), *out, message="its numbers do not decide: expected")
+    refused("invert", str(tmp_path / "nine.npy"), *out, message="its numbers do not tell which")
     preset = ["--preset", "vlfeat"]
     refused("invert", path, *out, *preset, "--key", "a", message="a .npy file holds one array")
     refused("invert", path, *out, *preset, "--image-size", "0x64", message="got (0, 64)", status=2)

@@ -60,7 +60,7 @@ def _that_fit(suggestions: Sequence[Suggestion]) -> str:
 
 
 def _undecided(suggestions: Sequence[Suggestion]) -> str:
-    return f", and its numbers do not decide: expected, the likeliest first, {_as_options(suggestions)}"
+    return f", and its numbers do not tell which: write one of these, the likeliest first: {_as_options(suggestions)}"
 
 
 def _as_options(suggestions: Sequence[Suggestion]) -> str:

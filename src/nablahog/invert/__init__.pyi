@@ -8,4 +8,5 @@ from .reconstruction import Iterate as Iterate, Reconstruction as Reconstruction
 from .samples import Samples as Samples, reconstruct_samples as reconstruct_samples
 from .scales import scale_descriptors as scale_descriptors
 from .template import reconstruct_template as reconstruct_template, template_descriptor as template_descriptor
-from .which import Candidate as Candidate, WhichHOG as WhichHOG, which_hog as which_hog
+from .candidates import Candidate as Candidate
+from .which import WhichHOG as WhichHOG, which_hog as which_hog

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import torch
 from torch import Tensor
 
@@ -10,8 +12,9 @@ from ..render.conventions import MatrixConvention, convert_matrix, pose_matrix, 
 from .covariance import position_covariance
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseGeometry:
-    """What follows from a pose, its camera and the units of its model; :class:`.PoseEstimate` has the attributes."""
+    """What follows from a pose, its camera and the units of its model; :class:`.PoseEstimate` says what each is."""
 
     azimuth: float
     elevation: float
@@ -20,9 +23,9 @@ class PoseGeometry:
     x: float
     y: float
     camera: Camera
-    principal_point: tuple[float, float] | None
-    from_original: Tensor
-    covariance: Tensor | None
+    principal_point: tuple[float, float] | None = field(default=None, kw_only=True)
+    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"), kw_only=True)
+    covariance: Tensor | None = field(default=None, kw_only=True)
 
     @property
     def pose(self) -> Tensor:

@@ -6,10 +6,9 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_photograph
@@ -83,13 +82,6 @@ class PoseEstimate(PoseGeometry):
     (torch.Size([4, 4]), torch.Size([3, 3]))
     """
 
-    azimuth: float
-    elevation: float
-    distance: float
-    theta: float
-    x: float
-    y: float
-    camera: Camera
     model: str
     similarity: float
     similarity_kind: SimilarityKind
@@ -102,10 +94,7 @@ class PoseEstimate(PoseGeometry):
     runners_up: tuple[PoseEstimate, ...] = ()
     share: float = 1.0
     focal_from: FocalSource = "assumed"
-    principal_point: tuple[float, float] | None = None
     photograph_camera: PhotographCamera | None = None
-    from_original: Tensor = field(default_factory=lambda: torch.eye(4, dtype=torch.float64, device="cpu"))
-    covariance: Tensor | None = None
 
     def __repr__(self) -> str:
         """Pose and figures, not the camera or the search."""

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hog import HOGSpec
-from ..invert.which import Candidate, WhichHOG, fit_shape, which_hog
+from ..invert.candidates import Candidate, fit_shape
+from ..invert.which import WhichHOG, which_hog
 from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
