@@ -1,0 +1,123 @@
+"""`nablahog pose` of a list of objects."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nablahog.cli.commands.pose import ObjectJob
+from nablahog.cli.main import main
+from nablahog.io.images import write_image
+from nablahog.io.lists import read_objects
+from nablahog.render import load_mesh
+from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
+
+from ...paper.common import run_in_this_process
+from ..common import names
+from .test_pose import RESULTS, write_off
+
+AZIMUTH, ELEVATION = 130, 12
+TRUE = {"a.png": 130.0, "b.png": 40.0}
+
+
+@pytest.fixture
+def photos(tmp_path: Path, here: None) -> Path:
+    """Two photographs of a chair, with a list of them as CSV, and two models."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (tmp_path / "models").mkdir()
+    for name, seed in (("wooden", WOODEN), ("swivel", SWIVEL)):
+        write_off(tmp_path / "models" / f"{name}.off", model(seed))
+    lines = ["image,x0,y0,x1,y1,azimuth,elevation"]
+    for name, azimuth in TRUE.items():
+        image, box = photographed(model(), azimuth, 12, behind="coffee")
+        write_image(folder / name, image)
+        lines.append(f"{name},{','.join(map(str, box))},{azimuth + 20},12")
+    (tmp_path / "objects.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def arguments(tmp_path: Path, *more: str, mesh: str = "models") -> list[str]:
+    listed = [str(tmp_path / "photos"), "--annotations", str(tmp_path / "objects.csv")]
+    return ["pose", *listed, "--mesh", str(tmp_path / mesh), "-o", str(tmp_path / "out"), "--workers", "1", *more]
+
+
+def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments(tmp_path, "--focal", "300")) == 0
+    assert "a.png" in capsys.readouterr().out
+    out = tmp_path / "out"
+    assert names(out) == [*RESULTS, "work"]
+    rows = list(csv.DictReader((out / "poses.csv").read_text().splitlines()))
+    whole = json.loads((out / "poses.json").read_text())
+    assert [row["image"] for row in rows] == [image["file_name"] for image in whole["images"]] == list(TRUE)
+    assert whole["categories"] == [{"id": 1, "name": "wooden"}]
+    mesh = load_mesh(tmp_path / "models" / "wooden.off")
+    for row, each in zip(rows, whole["annotations"], strict=True):
+        assert row["model"] == each["model"] == "wooden"
+        assert each["covariance"] is each["standard_deviations"] is None  # of several models
+        assert degrees_between(float(row["azimuth"]), TRUE[row["image"]]) < 3
+        matrix = np.array([float(row[f"m{i}{j}"]) for i in range(3) for j in range(4)]).reshape(3, 4)
+        assert np.array_equal(matrix, np.array(each["matrix"])[:3])
+        # the box is that of the model's points, as these figures project them
+        to_file = torch.linalg.inv(mesh.from_original)
+        points = (mesh.vertices @ to_file[:3, :3].T + to_file[:3, 3]).numpy()
+        seen = (points @ matrix[:, :3].T + matrix[:, 3]) @ np.array(each["intrinsics"]).T
+        seen = seen[:, :2] / seen[:, 2:]
+        x, y, width, height = each["bbox"]
+        assert np.abs(np.concatenate([seen.min(0), seen.max(0)]) - [x, y, x + width, y + height]).max() < 5
+        assert each["confidence"] == float(row["confidence"]) > 0.3
+    # what was written can be read
+    for name in ("poses.csv", "poses.json"):
+        for one, other in zip(read_objects(out / name), read_objects(tmp_path / "objects.csv"), strict=True):
+            assert one.box == pytest.approx(other.box)
+
+
+def test_a_run_is_resumed(tmp_path: Path, photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
+    first = (tmp_path / "out" / "poses.json").read_bytes()
+    begun: list[ObjectJob] = []
+    run_in_this_process(monkeypatch, begun.append)
+    assert main(arguments(tmp_path, mesh="models/wooden.off")) == 0
+    assert (tmp_path / "out" / "poses.json").read_bytes() == first
+    assert not begun
+    (photos / "b.png").write_bytes((photos / "a.png").read_bytes())
+    assert main(arguments(tmp_path, mesh="models/wooden.off")) in (0, 4)
+    assert [job.listed.image for job in begun] == ["b.png"]
+
+
+def test_an_object_that_cannot_be_searched_is_skipped(
+    tmp_path: Path, photos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (photos / "b.png").unlink()
+    assert main(arguments(tmp_path, mesh="models/wooden.off")) == 3
+    assert "nablahog pose: skipped: object 2: " in capsys.readouterr().err
+    whole = json.loads((tmp_path / "out" / "poses.json").read_text())
+    assert [each["file_name"] for each in whole["failed"]] == ["b.png"]
+    rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
+    assert [bool(row["error"]) for row in rows] == [False, True]
+
+
+def test_several_boxes(tmp_path: Path, photos: Path) -> None:
+    boxes = [f"--box={','.join(line.split(',')[1:5])}" for line in (tmp_path / "objects.csv").read_text().split()[1:]]
+    options = ["--mesh", str(tmp_path / "models" / "wooden.off"), "--workers", "1", "-o", str(tmp_path / "out")]
+    status = main(["pose", str(photos / "a.png"), *boxes, *options, "--init", "0,12"])
+    assert status in (0, 4)  # the second box is that of another photograph, and may be off
+    whole = json.loads((tmp_path / "out" / "poses.json").read_text())
+    assert [each["id"] for each in whole["annotations"]] == [1, 2]
+    assert degrees_between(whole["annotations"][0]["azimuth"], TRUE["a.png"]) < 3
+
+
+def test_bad_lists(tmp_path: Path, photos: Path, refused: Callable[..., None]) -> None:
+    whole = arguments(tmp_path)
+    refused("pose", str(photos / "a.png"), *whole[2:], message="expected a folder of the photographs")
+    refused(*whole, "--box", "1,2,30,40", message="expected no --box, --init or --mask")
+    (tmp_path / "objects.csv").write_text("image,x0,y0,x1,y1\na.png,1,2,3,w\n")
+    refused(*whole, message="objects.csv, line 2, column y1 must be a finite number, got 'w'")
+    (tmp_path / "objects.csv").write_text("image\nnone.png\nother.png\n")
+    refused(*whole, message="no object has a pose; the first: object 1: ")
