@@ -54,11 +54,11 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
         if os.path.isdir(name):
             if os.path.realpath(name) == os.path.realpath(arguments.output):
                 raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
-            entries = list(os.scandir(name))
-            files = _files(entries, endings)
-            _tell_of_subfolders(name, entries, arguments.output)
-            others = sorted({*endings} - image_endings())
-            kinds = ", ".join((["images"] if len(others) < len(endings) else []) + others)
+            items = list(os.scandir(name))
+            files = _select_files(items, endings)
+            _tell_of_subfolders(name, items, arguments.output)
+            array_endings = sorted({*endings} - image_endings())
+            kinds = ", ".join((["images"] if len(array_endings) < len(endings) else []) + array_endings)
             reason = f"expected a file, or a folder of files of these kinds: {kinds}"
         elif glob.has_magic(name) and not os.path.lexists(name):
             found = (path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
@@ -78,21 +78,21 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
     return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
 
 
-def _tell_of_subfolders(name: str, entries: Iterable[os.DirEntry[str]], output: str) -> None:
-    """A line on stderr if a folder has others, which are not results of this command or data sets."""
-    folders = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
-    others = [
+def _tell_of_subfolders(name: str, items: Iterable[os.DirEntry[str]], output: str) -> None:
+    """A line on stderr if a folder has subfolders that are not results of this command or data sets."""
+    folders = [entry for entry in items if entry.is_dir() and not entry.name.startswith(".")]
+    left_out = [
         folder
         for folder in folders
         if not folder.name.endswith(DATASET) and os.path.realpath(folder.path) != os.path.realpath(output)
     ]
-    if others:
+    if left_out:
         pattern = os.path.join(glob.escape(name), "**", "*.jpg")
-        inform(f"{name}: subfolders are left out, such as {others[0].name}: a pattern takes them, '{pattern}'")
+        inform(f"{name}: subfolders are left out, such as {left_out[0].name}: a pattern takes them, '{pattern}'")
 
 
-def _files(entries: Iterable[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
-    visible = (entry for entry in entries if not entry.name.startswith(".") and not entry.is_dir())
+def _select_files(items: Iterable[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
+    visible = (entry for entry in items if not entry.name.startswith(".") and not entry.is_dir())
     return sorted((each.path for each in visible if Path(each.name).suffix.lower() in endings), key=natural_order)
 
 
@@ -170,8 +170,8 @@ def read_inputs(
     sets = [name for name in arguments.inputs if datasets and name.rstrip("/").endswith(DATASET)]
     data = [_dataset(name, request) for name in sets]
     files = [name for name in arguments.inputs if name not in sets]
-    others = [".npz", *([".npy", ".mat"] if request.preset else [])] if isinstance(request, GlyphRequest) else []
-    expanded = expand(files, arguments, {*image_endings(), *others})
+    array_endings = [".npz", *([".npy", ".mat"] if request.preset else [])] if isinstance(request, GlyphRequest) else []
+    expanded = expand(files, arguments, {*image_endings(), *array_endings})
     expanded.skipping.count += sum(map(len, data))
     reader = _Reader(request)
 

@@ -183,7 +183,7 @@ def _read_csv_objects(path: Path, folder: str | os.PathLike[str] | None) -> list
     if len({*numbers}) < len(rows):
         numbers = [*range(1, len(rows) + 1)]
     return [
-        read_object(number, row, _inside(row, unguard_formula(row.text("image")), folder))
+        read_object(number, row, _relative_name(row, unguard_formula(row.text("image")), folder))
         for number, row in zip(numbers, rows, strict=True)
     ]
 
@@ -197,30 +197,30 @@ def _read_json_objects(path: Path, folder: str | os.PathLike[str] | None) -> lis
     images, annotations = (whole.get(key) if isinstance(whole, dict) else None for key in ("images", "annotations"))
     if not isinstance(images, list) or not isinstance(annotations, list) or not annotations:
         raise ValueError(f"{path}: expected an object with the lists images and annotations, as COCO has them")
-    names = {_id(row, "id"): row.values.get("file_name") for row in _entries(path, "images", images)}
+    names = {_id(row, "id"): row.values.get("file_name") for row in _list_entries(path, "images", images)}
     objects: dict[int, AnnotatedObject] = {}
-    for row in _entries(path, "annotations", annotations):
+    for row in _list_entries(path, "annotations", annotations):
         number, image = _id(row, "id"), _id(row, "image_id")
         if image not in names:
             raise row.error("image_id", f"expected the id of one of the images, got {image}")
         if number in objects:
             raise row.error("id", f"expected a different id for each object, got {number} twice")
-        objects[number] = read_object(number, row, _inside(row, names[image], folder))
+        objects[number] = read_object(number, row, _relative_name(row, names[image], folder))
     return list(objects.values())
 
 
-def _entries(path: Path, name: str, entries: list[Any]) -> list[ListEntry]:
-    wrong = next((k for k, entry in enumerate(entries) if not isinstance(entry, Mapping)), None)
+def _list_entries(path: Path, name: str, items: list[Any]) -> list[ListEntry]:
+    wrong = next((k for k, entry in enumerate(items) if not isinstance(entry, Mapping)), None)
     if wrong is not None:
-        raise ValueError(f"{path}, {name}[{wrong}]: expected an object, got {one_line(repr(entries[wrong]), 60)}")
-    return [ListEntry(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(entries)]
+        raise ValueError(f"{path}, {name}[{wrong}]: expected an object, got {one_line(repr(items[wrong]), 60)}")
+    return [ListEntry(f"{path}, {name}[{k}]", entry) for k, entry in enumerate(items)]
 
 
 def _id(row: ListEntry, key: str) -> int:
     return as_integer(f"{row.where}, column {key}", row.values.get(key), -LARGEST_ID, LARGEST_ID)
 
 
-def _inside(row: ListEntry, image: object, folder: str | os.PathLike[str] | None) -> str:
+def _relative_name(row: ListEntry, image: object, folder: str | os.PathLike[str] | None) -> str:
     """The name of a file in the folder of photographs, or below, relative to it: others are refused."""
     name = image.strip().replace("\\", "/") if isinstance(image, str) else ""  # lists of Windows, too
     if folder is not None and os.path.isabs(name) and "\0" not in name:

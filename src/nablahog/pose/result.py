@@ -127,16 +127,14 @@ class PoseEstimate(PoseGeometry):
         Raises:
             ValueError: it is of another size.
         """
-        image, real = as_photograph("the photograph", photograph), self.photograph_camera
-        height, width = (self.camera if real is None else real).height, (self.camera if real is None else real).width
+        image, taken_by = as_photograph("the photograph", photograph), self.photograph_camera or self.camera
+        height, width = taken_by.height, taken_by.width
         if image.shape[1:] != (height, width):
             came = "x".join(map(str, image.shape[1:]))
             raise ValueError(f"the photograph must be the one of the estimate, of {height}x{width} pixels, got {came}")
-        return (
-            image
-            if real is None
-            else IdealCamera(real).resample(image, Box(0, 0, self.camera.width, self.camera.height))
-        )
+        if self.photograph_camera is None:
+            return image
+        return IdealCamera(self.photograph_camera).resample(image, Box(0, 0, self.camera.width, self.camera.height))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes all figures as JSON, with the names of an annotation of ``nablahog pose``; replaces the file whole.

@@ -78,12 +78,12 @@ def _plan(target: str, images: Sequence[ImageState], request: HogRequest) -> Man
         manifest = (empty if begun is None else begun).add_images(images)
     except ValueError as error:
         raise ValueError(f"{target} cannot be continued: {error}; expected another -o") from None
-    others = {Path(str(file)).name for file in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
-    if others:  # without a manifest, only those with the right key are its own
+    foreign = {Path(str(file)).name for file in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
+    if foreign:  # without a manifest, only those with the right key are its own
         shards = enumerate(find_shards(target, manifest))
-        others -= {shard_name(number) for number, shard in shards if begun is not None or shard is not None}
-    if others:
-        raise ValueError(f"{target} holds {counted(len(others), 'shard')} of another data set: expected another -o")
+        foreign -= {shard_name(number) for number, shard in shards if begun is not None or shard is not None}
+    if foreign:
+        raise ValueError(f"{target} holds {counted(len(foreign), 'shard')} of another data set: expected another -o")
     return manifest
 
 

@@ -93,8 +93,8 @@ def invert(arguments: Namespace) -> int:
 
 def _check_cluster(arguments: Namespace) -> None:
     """Raises ValueError if another option excludes ``--cluster``."""
-    others = {"--template": arguments.template, "--device": arguments.device != "cpu"}
-    for option, chosen in others.items():
+    options = {"--template": arguments.template, "--device": arguments.device != "cpu"}
+    for option, chosen in options.items():
         if chosen and arguments.cluster:
             raise ValueError(f"--cluster and {option} exclude each other")
 
