@@ -120,12 +120,17 @@ def check(case: tuple[str, list[float]]) -> str:
         process.start()
         process.join(moment * seconds)
         end(process, signal.SIGKILL)
-    for part in folder.rglob("*.part"):  # of another process as far as anybody knows, which may still write it
-        os.utime(part, (0, 0))
+    abandon_parts(folder)
     finish(folder, command)
     assert results(folder) == expected
     assert not [path.name for path in folder.rglob("*") if path.suffix in (".part", ".checkpoint", ".damaged")]
     return command
+
+
+def abandon_parts(folder: Path) -> None:
+    """Makes half-written files old: a young one is of another process as far as anybody knows, which may write it."""
+    for part in folder.rglob("*.part"):
+        os.utime(part, (0, 0))
 
 
 def end(process: BaseProcess, by: signal.Signals) -> None:
@@ -198,6 +203,9 @@ def test_a_data_set_that_is_interrupted_and_then_killed() -> None:
         done = shards(folder)
         with pytest.raises(ValueError, match="of 600 images are not there"):
             DescriptorDataset(str(folder / "out.parquet"))
+        if by == signal.SIGINT:
+            assert not list(folder.rglob("*.part"))
+    abandon_parts(folder)
     finish(folder, "dataset")
     assert done.items() < shards(folder).items()
     assert results(folder) == undisturbed("dataset")[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -10,7 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context, resource_tracker
 from typing import Any
 
-from .worker import DIED, Work, attempt, begin, one_thread
+from .worker import DIED, TO_STOP, Work, attempt_or_stop, begin, one_thread
 
 
 class Processes:
@@ -29,7 +30,7 @@ class Processes:
         while True:
             pool = self._started_pool(left)
             try:
-                self.at_work[pool.submit(attempt, job)] = index
+                self.at_work[pool.submit(attempt_or_stop, job)] = index
             except BrokenProcessPool:
                 self.close()
             else:
@@ -55,9 +56,14 @@ class Processes:
         return pool
 
     def close(self) -> None:
-        """Kills the processes."""
+        """Stops the processes, and kills those that do not stop soon."""
         if self._pool is not None:
-            for process in list((self._pool._processes or {}).values()):
+            processes = list((self._pool._processes or {}).values())
+            for process in processes:
+                process.terminate()
+            latest = time.monotonic() + TO_STOP
+            for process in processes:
+                process.join(max(0.0, latest - time.monotonic()))
                 process.kill()
             self._pool.shutdown()
             self._pool = None

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import sys
 import threading
+import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,6 +23,7 @@ R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 
 CGROUP = Path("/sys/fs/cgroup")
+TO_STOP = 0.5  # seconds in which a worker removes the file that it was writing
 DIED = "the process at work on it died, and died again when the job ran alone"
 _COPIES_OF_FILES: dict[str, Path] = {}
 _FOLDERS: list[Path] = []  # at most one, on a worker of a cluster
@@ -58,8 +62,17 @@ def _join_lines(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
+def attempt_or_stop(job: Work[R]) -> R | str:
+    """As :func:`attempt`, in a worker; a signal to stop removes the file that the job was writing, and ends it."""
+    try:
+        return attempt(job)
+    except SystemExit:  # a pool would take it for the job's outcome
+        os._exit(1)
+
+
 def begin() -> None:
-    """Makes this process a worker, which computes in one thread and ends with its parent."""
+    """Makes this process a worker, which computes in one thread and ends with its parent, or when it is told to."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
@@ -71,6 +84,8 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
+        signal.raise_signal(signal.SIGTERM)
+        time.sleep(TO_STOP)
         os._exit(1)
 
 
