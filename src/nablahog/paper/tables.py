@@ -34,7 +34,7 @@ class Statistics:
 def statistics(
     values: Sequence[float] | NDArray[np.float64], average: Callable[..., NDArray[np.float64]] = np.mean
 ) -> Statistics:
-    """Mean, median, and the interval of ``of``, one of ``np.mean`` and ``np.median``, as :func:`interval` has it."""
+    """Mean, median, and the interval of ``average``, ``np.mean`` or ``np.median``, as :func:`interval` has it."""
     if not len(values):
         return Statistics(None, None, None, None, 0)
     array = np.array(values, dtype=np.float64)
@@ -42,7 +42,7 @@ def statistics(
 
 
 def interval(values: NDArray[np.float64], average: Callable[..., NDArray[np.float64]]) -> tuple[float, float]:
-    """The 95 % percentile bootstrap interval of ``of(values)``, of :data:`RESAMPLES` resamples of fixed seed."""
+    """The 95 % percentile bootstrap interval of ``average(values)``, from :data:`RESAMPLES` resamples of fixed seed."""
     resamples = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
     low, high = np.quantile(average(resamples, axis=1), (0.025, 0.975))
     return float(low), float(high)
