@@ -48,6 +48,8 @@ def read(content: Any, name: str = "camera.json") -> Any:
             (480, 640),
         ),
         ({"K": MATRIX, "D": [*FIVE, 0, 0, 0]}, FIVE, None),
+        ({"K": MATRIX, "resolution": [640, 480]}, None, (480, 640)),
+        ({"K": MATRIX, "image_size": [480, 640]}, None, (480, 640)),
     ],
 )
 def test_json(content: Any, distortion: Any, size: Any) -> None:

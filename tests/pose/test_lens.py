@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import nablahog
 from nablahog import PoseEstimate, estimate_pose, render
 from nablahog.inputs.boxes import Box
 from nablahog.inputs.cameras import as_intrinsics
+from nablahog.pose.result import warning
 from nablahog.render import pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.conventions import move_before_camera, pose_matrix
@@ -146,3 +148,43 @@ def test_a_single_model_has_the_name_of_its_file(tmp_path: Path) -> None:
 def test_the_error_of_a_flat_camera_matrix_says_how_to_shape_it() -> None:
     with pytest.raises(ValueError, match="reshape"):
         as_intrinsics("intrinsics", (700, 0, 320, 0, 700, 240, 0, 0, 1))
+
+
+CAMERA_FILE = "1 OPENCV {} {} 520 470 335 228 -0.3 0.1 0.002 -0.001\n"
+
+
+def test_a_camera_file_is_read_with_its_distortion(estimate: tuple[PoseEstimate, Tensor, Box], tmp_path: Path) -> None:
+    found, photo, box = estimate
+    cameras = tmp_path / "cameras.txt"
+    cameras.write_text(CAMERA_FILE.format(WIDTH, HEIGHT))
+    assert torch.equal(estimate_pose(photo, model(), box=box, intrinsics=cameras).pose, found.pose)
+    with pytest.raises(ValueError, match="expected no `distortion`"):
+        estimate_pose(photo, model(), intrinsics=str(cameras), distortion=DISTORTION)
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        ((1280, 960), "write `intrinsics`=260,235,167.5,114 and `distortion`=-0.3,0.1,0.002,-0.001,0"),
+        ((480, 640), "turn the photograph"),
+        ((900, 640), "subtracted from cx"),
+    ],
+)
+def test_the_file_of_another_size_is_refused(size: tuple[int, int], said: str, tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text(CAMERA_FILE.format(*size))
+    photo = torch.zeros(1, HEIGHT, WIDTH)
+    with pytest.raises(ValueError, match=r"is for photographs of .* got 480x640") as caught:
+        estimate_pose(photo, model(), intrinsics=tmp_path / "cameras.txt")
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(("scale", "warns"), [(0.5, True), (1.02, False), (2, True), (3, True)])
+def test_a_principal_point_of_another_size_brings_a_warning(scale: float, warns: bool) -> None:
+    photo = torch.rand(1, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(0))
+    camera = [scale * number for number in (520, 520, 322, 238)]
+    options: dict[str, Any] = {"box": (200, 150, 400, 350), "initial": (0, 0), "method": "exhaustive"}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = estimate_pose(photo, model(), intrinsics=camera, **options)
+    assert [str(each.message) for each in caught] == [warning(found)] * warns
+    assert all(each.filename == __file__ for each in caught)

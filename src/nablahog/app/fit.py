@@ -200,7 +200,7 @@ class Fitting:
             "similarity": float(self.similarity.values(estimate.crop_pose[None])),
             "result": self.figures(estimate, request),
             "overlay": png(self._overlay(estimate)),
-            "warning": warning(estimate),
+            "warning": warning(self.lens.report(estimate, self.box)),
             "snippets": write_pose_snippets(asked, files),
         }
 

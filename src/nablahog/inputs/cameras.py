@@ -10,6 +10,9 @@ from .numbers import as_number, as_numbers, as_plain, is_finite, shortened
 
 SHORTEST, LONGEST = 0.1, 100.0
 """Focal lengths of real lenses, in diagonals of the photograph."""
+OFF_MIDDLE = 0.2
+"""Share of a side's half by which the principal point of a photograph that was not cut is never off the middle."""
+SAME_SCALE = 0.05  # at most, between both sides, if the intrinsics are of another size
 MOST_UNEQUAL = 2.5  # times the smaller focal length; an anamorphic lens has 2
 _COEFFICIENTS = "k1, k2, p1, p2, k3"
 
@@ -107,6 +110,18 @@ def as_camera(
             f"{height}x{width} pixels: it is in pixels"
         )
     return PhotographCamera(height, width, fx, fy, cx, cy, coefficients)
+
+
+def advise_on_size(height: int, width: int, cx: float, cy: float) -> str | None:
+    """A sentence if the principal point is the middle of a photograph of another size, as before it was resized."""
+    across, down = 2 * cx / width, 2 * cy / height
+    if abs(across - 1) < OFF_MIDDLE or abs(across - down) > SAME_SCALE * max(across, down):
+        return None
+    return (
+        f"the principal point {cx:g}, {cy:g} is the middle of a photograph of about {2 * cy:.0f}x{2 * cx:.0f} pixels "
+        f"(height x width), not of {height}x{width}: unless this one was cut, multiply all intrinsics by "
+        f"{1 / across:.3g}"
+    )
 
 
 def as_focal(name: str, focal: object) -> tuple[float, ...]:

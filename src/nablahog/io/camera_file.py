@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -24,6 +25,8 @@ _COLMAP = {
 _MATRICES = ("camera_matrix", "intrinsic_matrix", "K", "k", "mtx", "intrinsics")
 _DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "dist", "distortion", "D", "d")
 _SIZES = (("height", "width"), ("image_height", "image_width"), ("h", "w"))
+_PAIRS = ("image_size", "resolution")  # of sides in any order
+MOST_UNEQUAL_RATIOS = 0.01  # of the heights and of the widths, where a photograph was resized
 _MODELS = ("plumb_bob", "radtan", "opencv", "brown_conrady")  # names of the model of five coefficients
 _EXPECTED = "COLMAP's cameras.txt or JSON with fx, fy, cx, cy or camera_matrix, and maybe dist_coeffs"
 
@@ -40,6 +43,43 @@ class CameraFile(NamedTuple):
     intrinsics: tuple[float, float, float, float]
     distortion: tuple[float, float, float, float, float] | None
     size: tuple[int, int] | None
+
+    def join(self, distortion: object) -> CameraFile:
+        """The camera with a distortion that is known from elsewhere; None for none.
+
+        Raises:
+            ValueError: the file has one, too.
+        """
+        if distortion is None:
+            return self
+        if self.distortion is not None:
+            raise ValueError("the file of `intrinsics` has a distortion: expected no `distortion` beside it")
+        return self._replace(distortion=as_distortion("distortion", distortion))
+
+    def check_size(self, height: int, width: int) -> None:
+        """Raises ValueError, which says what to write, if the file says that its photographs have another size."""
+        if self.size in (None, (height, width)):
+            return
+        assert self.size is not None
+        high, wide = height / self.size[0], width / self.size[1]
+        if self.size == (width, height):
+            write = "turn the photograph as it was taken"
+        elif math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS):
+            fx, fy, cx, cy = self.intrinsics
+            scaled = ",".join(f"{number:g}" for number in (fx * wide, fy * high, cx * wide, cy * high))
+            bent = (
+                "" if self.distortion is None else f" and `distortion`={','.join(map('{:g}'.format, self.distortion))}"
+            )
+            write = f"if the photograph was made smaller or larger as a whole, write `intrinsics`={scaled}{bent}"
+        else:
+            write = (
+                "of a photograph that was cut, write `intrinsics` as fx,fy,cx,cy, with what was cut off at the left "
+                "subtracted from cx, and at the top from cy"
+            )
+        raise ValueError(
+            f"`intrinsics` is for photographs of {self.size[0]}x{self.size[1]} pixels (height x width), got "
+            f"{height}x{width}: {write}"
+        )
 
 
 def read_camera_file(path: Readable) -> CameraFile:
@@ -106,12 +146,23 @@ def _read_json(text: str) -> CameraFile:
             "by the program that calibrated the camera, and leave the distortion out"
         )
     distortion = None if coefficients in (None, []) else as_distortion("the distortion", coefficients)
-    size = next(((whole[high], whole[wide]) for high, wide in _SIZES if high in whole and wide in whole), None)
+    intrinsics = _named_intrinsics(whole) if matrix is None else as_intrinsics("the matrix", _as_rows(matrix))
     return CameraFile(
-        _named_intrinsics(whole) if matrix is None else as_intrinsics("the matrix", _as_rows(matrix)),
-        _named_distortion(whole) if distortion is None else distortion,
-        None if size is None else as_size("the size of the photographs", size),
+        intrinsics, _named_distortion(whole) if distortion is None else distortion, _find_size(whole, *intrinsics[2:])
     )
+
+
+def _find_size(whole: Mapping[str, Any], cx: float, cy: float) -> tuple[int, int] | None:
+    """Height and width; of a pair in any order those whose middle is nearer to the principal point."""
+    name = "the size of the photographs"
+    size = next(((whole[high], whole[wide]) for high, wide in _SIZES if high in whole and wide in whole), None)
+    if size is not None:
+        return as_size(name, size)
+    pair = _first(whole, _PAIRS)
+    if pair is None:
+        return None
+    one, other = as_size(name, pair)
+    return min((one, other), (other, one), key=lambda sides: math.hypot(sides[0] / 2 - cy, sides[1] / 2 - cx))
 
 
 def _first(whole: Mapping[str, Any], names: Iterable[str]) -> Any:

@@ -6,6 +6,7 @@ exhaustive one that it is compared with.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
@@ -17,10 +18,11 @@ from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_mask, as_photograph, warn_about_levels
 from ..inputs.boxes import Box
-from ..inputs.cameras import as_view
+from ..inputs.cameras import advise_on_size, as_view
 from ..inputs.numbers import as_number, as_seed, check_callable, check_choice
 from ..inputs.pil_images import is_pil
 from ..io.images import exif_focal
+from ..io.input_file import Readable
 from ..render import Mesh
 from ..render.mesh import check_mesh
 from ..render.renderer import EdgeMethod
@@ -99,7 +101,7 @@ def estimate_pose(
     within: float = 180.0,
     focal: float | Sequence[float] | NDArray[Any] | Tensor | Literal["exif"] | None = None,
     principal_point: Sequence[float] | None = None,
-    intrinsics: Sequence[float] | Sequence[Sequence[float]] | NDArray[Any] | Tensor | None = None,
+    intrinsics: Sequence[float] | Sequence[Sequence[float]] | NDArray[Any] | Tensor | Readable | None = None,
     distortion: Sequence[float] | NDArray[Any] | Tensor | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
@@ -135,7 +137,8 @@ def estimate_pose(
             be three of its diagonals away.
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Objects far from it look stretched, which the search takes into account.
-        intrinsics: the camera matrix (3, 3), or fx, fy, cx, cy, pixels, in place of ``focal`` and ``principal_point``.
+        intrinsics: the camera matrix (3, 3), or fx, fy, cx, cy, pixels, in place of ``focal`` and ``principal_point``;
+            or the file of a camera, see :func:`nablahog.io.camera_file.read_camera_file`, with its distortion.
         distortion: OpenCV's k1, k2, p1, p2 and maybe k3, of a camera of known focal length.  The photograph is then
             undistorted, and so it is, to square pixels, where fx and fy differ: the pose is for the ideal camera, see
             :class:`PoseEstimate`, while the box and the mask belong to the photograph as it is.
@@ -195,6 +198,11 @@ def estimate_pose(
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
     exif = exif_focal(photograph) if isinstance(focal, str) and is_pil(photograph) else None  # type: ignore[arg-type]
     lens = choose_lens((image.shape[1], image.shape[2]), focal, principal_point, intrinsics, distortion, exif)
+    camera = lens.camera
+    if camera is not None and principal_point is None:
+        advice = advise_on_size(camera.height, camera.width, camera.cx, camera.cy)
+        if advice is not None:
+            warnings.warn(advice, UserWarning, stacklevel=3)  # of the line that called the decorated function
     generator = torch.Generator().manual_seed(as_seed(seed))
     box = None if box is None else check_box(box, image.shape[1], image.shape[2])  # in the photograph's pixels
     if mask is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +10,8 @@ from torch import Tensor
 
 from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera, as_camera
+from ..io.camera_file import CameraFile, read_camera_file
+from ..io.input_file import InputFile
 from ..render import Camera
 from ..render.lens import IdealCamera
 from .options import FocalSource
@@ -90,7 +93,8 @@ def choose_lens(
 
     Args:
         size: height and width of the photograph, pixels.
-        focal, principal_point, intrinsics, distortion: as for :func:`.estimate.estimate_pose`.
+        focal, principal_point, intrinsics, distortion: as for :func:`.estimate.estimate_pose`; or as intrinsics a
+            camera that was read from a file.
         exif: the focal length in pixels that the photograph's file says; None for none.
     """
     source: FocalSource = "exif" if isinstance(focal, str) and focal == "exif" else "given"
@@ -100,5 +104,11 @@ def choose_lens(
                 "`focal` 'exif' needs an uncropped photograph (in Python a PIL image) whose EXIF data has one"
             )
         focal = exif
+    if isinstance(intrinsics, str | os.PathLike | InputFile):
+        intrinsics = read_camera_file(intrinsics)
+    if isinstance(intrinsics, CameraFile):
+        calibrated = intrinsics.join(distortion)
+        calibrated.check_size(*size)
+        intrinsics, distortion = calibrated.intrinsics, calibrated.distortion
     camera = as_camera(*size, focal, principal_point, intrinsics, distortion)
     return Lens(camera, "assumed" if camera is None else source)

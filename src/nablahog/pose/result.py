@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..inputs.arrays import ArrayImage, as_photograph
 from ..inputs.boxes import Box
-from ..inputs.cameras import PhotographCamera
+from ..inputs.cameras import PhotographCamera, advise_on_size
 from ..io.files import write_text
 from ..render import PARAMETERS, Camera, Mesh
 from ..render.conventions import move_before_camera
@@ -216,7 +216,15 @@ def _finite(numbers: Sequence[float]) -> list[float | None]:
 
 
 def warning(estimate: PoseEstimate) -> str | None:
-    """A sentence if the pose is more likely wrong than right: by its confidence, or else by its similarity."""
+    """A sentence if the pose is more likely wrong than right: by its confidence, or else by its similarity.
+
+    Or if the camera's numbers seem to be for photographs of another size.
+    """
+    camera, point = estimate.photograph_camera or estimate.camera, estimate.principal_point
+    point = (camera.cx, camera.cy) if isinstance(camera, PhotographCamera) else point
+    advice = None if point is None else advise_on_size(camera.height, camera.width, *point)
+    if advice is not None:
+        return advice
     if estimate.confidence is not None:
         reason = f"the confidence is {estimate.confidence:.2f}" if estimate.confidence < 0.5 else None
     elif estimate.similarity_kind == "calibrated" and estimate.similarity < MIN_SIMILARITY:

@@ -191,6 +191,8 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     cameras = tmp_path / "cameras.txt"
     cameras.write_text("1 SIMPLE_RADIAL 640 480 300 320 240 -0.1\n")
     check("--intrinsics is for photographs of 480x640 pixels (height x width), got 150x180", intrinsics=cameras)
+    cameras.write_text("1 SIMPLE_RADIAL 360 300 600 180 152 -0.1\n")
+    check("write --intrinsics=300,300,90,76 and --distortion=-0.1,0,0,0,0", intrinsics=cameras)
     check("expected no --distortion", intrinsics=cameras, distortion="0.1,0,0,0")
     (tmp_path / "empty").mkdir()
     check("expected a folder of CAD models", mesh=tmp_path / "empty")

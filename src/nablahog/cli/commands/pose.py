@@ -50,7 +50,7 @@ def pose(arguments: Namespace) -> int:
         The exit status: 0; 3 if some objects have no pose, each with a line on stderr; 4 if some are less sure than was
         asked for.
     """
-    request, camera_size = _read_camera(build_request(PoseRequest, arguments))
+    request = _read_camera(build_request(PoseRequest, arguments))
     objects, photos = _objects(arguments)
     if request.within < 180 and all(one.view is None for one in objects):
         raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
@@ -64,9 +64,7 @@ def pose(arguments: Namespace) -> int:
     forbid_overwrite(inputs, [folder / name for name in names(objects, request.page)])
     with output_folder(folder):
         readable = _check(models, ignored)
-        jobs = [
-            ObjectJob(one, photo, request, readable, camera_size) for one, photo in zip(objects, photos, strict=True)
-        ]
+        jobs = [ObjectJob(one, photo, request, readable) for one, photo in zip(objects, photos, strict=True)]
         results = _run(folder, jobs, arguments)
         least = request.least_confidence
         posed = [PosedObject.of(one, result, least) for one, result in zip(objects, results, strict=True)]
@@ -82,15 +80,12 @@ def pose(arguments: Namespace) -> int:
     return _status(posed, least, AXES_HINT if z_up else "")
 
 
-def _read_camera(request: PoseRequest) -> tuple[PoseRequest, tuple[int, int] | None]:
-    """The request with the numbers of its camera's file, and the size of the photographs that this is for, if known."""
+def _read_camera(request: PoseRequest) -> PoseRequest:
+    """The request with what its camera's file says in place of the file's name."""
     if not isinstance(request.intrinsics, str):
-        return request, None
-    camera = read_camera_file(request.intrinsics)
-    if camera.distortion is not None and request.distortion is not None:
-        raise ValueError(f"{request.intrinsics}: it has a distortion: expected no --distortion")
-    distortion = camera.distortion or request.distortion
-    return replace(request, intrinsics=camera.intrinsics, distortion=distortion), camera.size
+        return request
+    camera = read_camera_file(request.intrinsics).join(request.distortion)
+    return replace(request, intrinsics=camera, distortion=None)
 
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
@@ -177,7 +172,6 @@ class ObjectJob:
     photo: Path
     request: PoseRequest
     models: tuple[Model, ...]
-    camera_size: tuple[int, int] | None = None  # of the photographs that the camera's file is for
 
     @property
     def name(self) -> str:
@@ -232,12 +226,6 @@ class ObjectJob:
 
     def _lens(self, photo: Path, size: tuple[int, int]) -> Lens:
         """What the options and the photograph's file say about its camera."""
-        if self.camera_size not in (None, size):
-            came, expected = ("x".join(map(str, sides)) for sides in (size, self.camera_size or ()))
-            raise ValueError(
-                f"{photo}: `intrinsics` is for photographs of {expected} pixels (height x width), got {came}: expected "
-                "those of this size"
-            )
         asked, exif = self.request, read_exif_focal(photo)
         focal = None if asked.focal == UNKNOWN else asked.focal
         if asked.focal is None and asked.intrinsics is None and exif is not None:
