@@ -108,12 +108,14 @@ def rounding_of(spec: HOGSpec, images: Tensor, descriptor: Tensor, weights: floa
 def rounding_decides(case: Case) -> bool:
     """Whether derivatives are not compared.
 
-    1/√v of votes v near 0; magnitudes near the ends of the dtype; diagonals that are bin centres up to rounding.
+    1/√v of votes v near 0; magnitudes near the ends of the dtype; directions that are bin centres up to rounding.
+    There the derivative jumps, and the mean of both sides is taken only at the centre as it is rounded.
     """
     spec, ties = case.spec, case.values not in ("noise", "not finite")
     linear = "linear" in (spec.vote, spec.derivative)
     moved = spec.bin_offset not in (0, 0.5)  # the centres of bins, by perhaps less than a rounding
-    inexact = case.dtype == "float32" or (linear and (spec.angle != "exact" or moved))
+    roots = spec.gamma == "sqrt" and case.values == "few levels"  # of quarters: tangents such as √3, of 60°, and √2 - 1
+    inexact = case.dtype == "float32" or (linear and (spec.angle != "exact" or moved or roots))
     if case.values in ("huge", "denormal"):
         return True
     if getattr(spec.normalizer, "form", "") == "L1-sqrt":
