@@ -197,6 +197,28 @@ def test_fit(page: Page, folder: Path) -> None:
 
 
 @in_a_browser
+def test_the_file_of_a_camera(page: Page, folder: Path) -> None:
+    """Its numbers are written into the fields, or a sentence says why not; they stay in the address."""
+    page.open("#/fit?photo=scene-chair")
+    page.idle()
+    camera, chooser = folder / "cameras.txt", page.driver.find_element("id", "camera-file")
+    page.read("document.querySelector('#calibrated').open = true")
+    camera.write_text("1 OPENCV 224 224 320 300 100 120 -0.2 0.05 0 0")
+    chooser.send_keys(str(camera))
+    page.until("document.querySelector('#intrinsics').value")
+    page.idle()
+    assert page.read("document.querySelector('#intrinsics').value") == "320, 300, 100, 120"
+    assert page.read("document.querySelector('#focal').disabled")
+    page.open(page.read("location.hash"))
+    page.idle()
+    assert page.read("document.querySelector('#distortion').value") == "-0.2, 0.05, 0, 0, 0"
+    page.enter("#intrinsics", "320, 300, 100")
+    page.click("#fit-open")
+    page.until("document.querySelector('#alert').textContent")
+    assert "fx, fy, cx, cy" in page.text("#alert")
+
+
+@in_a_browser
 def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> None:
     """What is chosen from is folded above the view, and folds again after a choice."""
     folded = "!document.querySelector('#choose').open"

@@ -131,6 +131,36 @@ def test_the_camera_of_the_photograph(client: TestClient) -> None:
     assert "needs a known focal length" in answer.json()["error"]
 
 
+def test_a_calibrated_camera(client: TestClient) -> None:
+    """The numbers of a camera's file are those of the photograph, in which it is undistorted."""
+    asked = {**SCENE, "box": box(client)}
+    file = "1 OPENCV 224 224 320 300 100 120 -0.2 0.05 0 0"
+    numbers = client.post("/api/cameras?name=cameras.txt&photo=scene-chair", content=file).json()
+    assert numbers == {"intrinsics": [320, 300, 100, 120], "distortion": [-0.2, 0.05, 0, 0, 0]}
+    with client.websocket_connect(FIT) as socket:
+        socket.send_json({"type": "open", **asked, **numbers})
+        until(socket, "ready")
+        socket.send_json({"type": "fit", "initial": [30, 20], "method": "exhaustive"})
+        fitted = until(socket, "fitted", "error")[-1]
+    camera = fitted["result"]["photograph_camera"]
+    assert camera["camera_matrix"] == [[320, 0, 100], [0, 300, 120], [0, 0, 1]]
+    assert camera["dist_coeffs"] == numbers["distortion"]
+    assert "intrinsics=(320.0, 300.0, 100.0, 120.0), distortion=(-0.2, 0.05" in fitted["snippets"]["python"]
+    figures = client.post("/api/pose", json={**asked, **numbers, "initial": [30, 20], "method": "exhaustive"}).json()
+    assert figures["azimuth"] == fitted["result"]["azimuth"]
+
+
+def test_no_camera_of_another_photograph(client: TestClient) -> None:
+    answer = client.post("/api/cameras?name=a.txt&photo=scene-chair", content="1 PINHOLE 448 448 640 600 200 240")
+    assert answer.status_code == 422
+    assert "a.txt: `intrinsics` is for photographs of 448x448 pixels" in answer.json()["error"]
+    assert "320,300,100,120" in answer.json()["error"]
+    for intrinsics in ("cameras.txt", [320, 300]):
+        answer = client.post("/api/pose", json={**SCENE, "intrinsics": intrinsics})
+        assert answer.status_code == 422
+        assert "intrinsics must be a camera matrix (3, 3), or fx, fy, cx, cy" in answer.json()["error"]
+
+
 def test_no_similarity_is_computed_that_nobody_gets(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Fitting, "similarity", None)
     asked = {**SCENE, "box": box(client), "initial": [30, 20], "method": "best"}

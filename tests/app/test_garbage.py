@@ -17,7 +17,12 @@ JSON: dict[str, dict[str, Any]] = {
     "/api/invert": {"photo": "sample-camera", "preset": "paper", "size": 32, "quality": "fast", "prior": "none"},
     "/api/pose": {"photo": "scene-chair", "mesh": "chair-wooden-0", "box": [0, 0, 100, 100], "initial": [0, 20]},
 }
-UPLOADS = ["/api/photos?name=a.png", "/api/descriptors?name=a.npy&preset=uoctti", "/api/meshes?name=a.off"]
+UPLOADS = [
+    "/api/photos?name=a.png",
+    "/api/descriptors?name=a.npy&preset=uoctti",
+    "/api/meshes?name=a.off",
+    "/api/cameras?photo=scene-chair&name=a.json",
+]
 GETS = [
     "/api/photos/sample-camera?size=64",
     "/api/hog/x/cell?row=1&col=1",

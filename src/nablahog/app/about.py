@@ -22,7 +22,7 @@ RANGES = {
     **dict.fromkeys(("bins", "orientations", "nbins"), (3, 36)),
 }
 """Ranges of sliders; other values can be typed."""
-WITH_A_CONTROL_OF_THEIR_OWN = ("preset", "settings", "box", "initial", "focal", "principal_point")
+WITH_A_CONTROL_OF_THEIR_OWN = ("preset", "settings", "box", "initial", "focal", "principal_point", "distortion")
 """Fields of requests for which the page has more than a control."""
 
 

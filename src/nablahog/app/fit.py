@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -15,6 +15,8 @@ from ..hog import HOGSpec, presets
 from ..hog.descriptor import describe
 from ..inputs.boxes import Box
 from ..io.arrays import naming
+from ..io.camera_file import read_camera_file
+from ..io.input_file import InputFile
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import CROP_SIDE, ObjectCrop, check_box, crop_object
 from ..pose.lens import Lens, choose_lens
@@ -172,6 +174,8 @@ class Fitting:
                 box=(*self.lens.map_box(self.box),),
                 focal=self.lens.focal,
                 principal_point=self.lens.principal_point,
+                intrinsics=None,
+                distortion=None,
             )
             return estimate_pose(
                 self.image,
@@ -191,7 +195,8 @@ class Fitting:
         """The message that ends a search."""
         photo, model, opened = self.photograph, self.model, self.request
         focal = photo.focal if opened.focal == FROM_FILE else None if opened.focal == UNKNOWN else opened.focal
-        asked = replace(request, box=(*self.box,), focal=focal, principal_point=opened.principal_point)
+        camera = {name: getattr(opened, name) for name in ("principal_point", "intrinsics", "distortion")}
+        asked = replace(request, box=(*self.box,), focal=focal, **camera)
         chair = model.name if model.packaged else None
         files = FitFiles(photo.name, photo.focal is not None, model.name, model.up, model.front, chair)
         return {
@@ -214,7 +219,18 @@ def _choose_lens(photograph: Photograph, request: Open | PoseMessage) -> Lens:
     """What a request says about the camera, or the photograph's file."""
     focal, size = None if request.focal == UNKNOWN else request.focal, photograph.size
     with naming(photograph.name):
-        return choose_lens(size, focal, request.principal_point, exif=photograph.focal)
+        return choose_lens(
+            size, focal, request.principal_point, request.intrinsics, request.distortion, photograph.focal
+        )
+
+
+def read_camera(data: bytes, name: str, query: Mapping[str, str], store: Store) -> dict[str, Any]:
+    """The numbers of a camera's file, if they are for the photograph whose id is in ``query``."""
+    with as_request_error():
+        camera = read_camera_file(InputFile(name, data))
+        with naming(name):
+            camera.check_size(*store.get(query.get("photo", ""), Photograph).size)
+    return {"intrinsics": camera.intrinsics, "distortion": camera.distortion}
 
 
 def _round(values: Tensor) -> list[float]:

@@ -22,7 +22,7 @@ from ..inputs.numbers import as_number, as_numbers, check_choice, shortened
 from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
 from ..requests.options import FLAG, TEXT, Kind, choice, integer, list_options, option
-from ..requests.pose import BOX, FOCAL, POINT, PoseRequest, Sides
+from ..requests.pose import BOX, CAMERA_NUMBERS, DISTORTION, FOCAL, POINT, PoseRequest, Sides
 from ..runtime.errors import InputError
 from ..runtime.text import MOST_ERROR_CHARACTERS, did_you_mean, one_line
 from ..viz.pictures import cell_width, glyph_image
@@ -129,6 +129,7 @@ class PoseMessage(PoseRequest):
 
     photo: str = field_of(TEXT)
     mesh: str = field_of(TEXT)  # an id
+    intrinsics: Any = field_of(CAMERA_NUMBERS, None)  # no name of a file: a request is no path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +141,8 @@ class Open:
     box: Sides | None = field_of(BOX, None)
     focal: Any = field_of(FOCAL, None)
     principal_point: tuple[float, float] | None = field_of(POINT, None)
+    intrinsics: tuple[float, ...] | None = field_of(CAMERA_NUMBERS, None)
+    distortion: tuple[float, ...] | None = field_of(DISTORTION, None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +169,8 @@ class Fit(PoseRequest):
     box: None = None
     focal: None = None
     principal_point: None = None
+    intrinsics: None = None
+    distortion: None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ from ..viz.html import TEMPLATES
 from . import see, store
 from .about import about
 from .access import AccessMiddleware, AccessRules
-from .fit import Fitting
+from .fit import Fitting, read_camera
 from .invert import invert
 from .messages import (
     SEE_SIZE,
@@ -96,6 +96,7 @@ class Server:
             Route("/api/photos/{id}", _with_json_errors(self._photograph)),
             Route("/api/descriptors", self._upload("descriptor", store.store_descriptor), methods=["POST"]),
             Route("/api/meshes", self._upload("model", store.store_mesh), methods=["POST"]),
+            Route("/api/cameras", self._upload("camera", read_camera), methods=["POST"]),
             Route("/api/hog", _with_json_errors(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _with_json_errors(self._cell)),
             Route("/api/hog/{id}/file", _with_json_errors(self._descriptor_file)),

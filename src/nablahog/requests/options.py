@@ -76,7 +76,7 @@ def numbers(names: str, convert: Callable[[str, Any], Any] | None = None) -> Kin
 
 
 def write_numbers(values: Sequence[float]) -> str:
-    return ",".join(f"{value:g}" for value in values)
+    return ",".join(f"{value:.10g}" for value in values)
 
 
 def path(name: str) -> Kind:

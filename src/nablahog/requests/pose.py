@@ -50,6 +50,8 @@ AXIS = choice([f"{sign}{axis}" for sign in ("", "+", "-") for axis in "xyz"], "A
 BOX = replace(numbers("x0,y0,x1,y1"), collect=_first)
 FOCAL = Kind("PIXELS", _as_focal, parse_numbers, _write_focal)
 POINT = numbers("x,y")
+DISTORTION = numbers("k1,k2,p1,p2[,k3]", as_distortion)
+CAMERA_NUMBERS = numbers("fx,fy,cx,cy", as_intrinsics)
 INTRINSICS = Kind(
     "FILE_or_fx,fy,cx,cy",
     _as_intrinsics,
@@ -117,8 +119,9 @@ class PoseRequest:
     distortion: tuple[float, ...] | None = option(
         None,
         "OpenCV's coefficients of the lens, such as --distortion=-0.3,0.1,0,0",
-        numbers("k1,k2,p1,p2[,k3]", as_distortion),
+        DISTORTION,
         keyword=True,
+        on_page=True,
     )
     method: SearchMethod = option(
         "best", f"how to search: {', '.join(get_args(SearchMethod))}", keyword=True, on_page=True

@@ -55,7 +55,7 @@ export class Fit {
     this.#options = new Options("fit", app.about, app.address);
     this.#result = new FitResult(app.source);
     this.#camera = new CameraInput(app.source, () => {
-      app.address.set({ focal: this.#camera.focal ?? "none", axis: this.#camera.principalPoint?.join(",") ?? null });
+      app.address.set(this.#camera.state);
       this.#reopen();
     });
     this.restore();
@@ -82,7 +82,8 @@ export class Fit {
     const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = address.numbers("box", 4) ?? [];
     const photo = value?.kind === "photo" ? value : null;
     this.#box.set(x1 > x0 ? [x0, y0, x1, y1] : address.get("box") === null ? photo?.box ?? null : null);
-    this.#camera.set(Number(address.get("focal") ?? photo?.focal), address.numbers("axis", 2));
+    this.#camera.set(Number(address.get("focal") ?? photo?.focal), address.numbers("axis", 2),
+      address.get("intrinsics") ?? "", address.get("distortion") ?? "");
   }
 
   /** @param {boolean} shown */
@@ -122,7 +123,7 @@ export class Fit {
     try {
       await this.#session.open();
       this.#session.send({ type: "open", photo: source.id, mesh: this.mesh.value, box: this.#box.value,
-        focal: this.#camera.focal, principal_point: this.#camera.principalPoint });
+        ...this.#camera.value });
     } catch (error) {
       this.#waits.end("open");
       showError(error);

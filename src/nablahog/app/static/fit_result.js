@@ -39,6 +39,8 @@ export class FitResult {
     const overlay = element("overlay", HTMLImageElement);
     overlay.src = addressOf(message.overlay);
     overlay.alt = `The outline of the mesh on ${result.photograph}, ${turned}`;
+    element("overlay-about", HTMLElement).textContent =
+      `The outline of the mesh on the ${result.photograph_camera ? "undistorted " : ""}photograph`;
     const warning = element("fit-warning", HTMLElement);
     warning.hidden = !message.warning;
     warning.textContent = message.warning ?? "";

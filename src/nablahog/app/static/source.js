@@ -111,7 +111,8 @@ export class SourceChooser extends EventTarget {
         name: sample ? null : source.name,
         descriptor: array?.whole ?? null, part: array && array.id !== array.whole ? array.id : null,
         template: array?.template ? "1" : null, parts: array && array.parts.length > 1 ? array.parts.map((part) => part.id).join(",") : null,
-        ...other ? { box: null, pose: null, axis: null, focal: sample ? null : photo?.focal ?? null } : {},
+        ...other ? { box: null, pose: null, axis: null, intrinsics: null, distortion: null,
+          focal: sample ? null : photo?.focal ?? null } : {},
       });
     }
     this.dispatchEvent(new Event("change"));
