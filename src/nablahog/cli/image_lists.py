@@ -18,7 +18,7 @@ from ..io.dataset_manifest import ImageState
 from ..io.files import local_name, natural_order
 from ..io.images import image_endings
 from ..runtime.text import decode_text
-from .inputs import expand
+from .inputs import expand, tell_of_subfolders
 
 LIST = "@"
 VERSIONS = ("ETag", "etag", "CRC", "mtime", "LastModified", "last_modified", "created")
@@ -90,12 +90,18 @@ def _list_store(name: str) -> list[ImageState]:
             found = {str(file): about for file, about in system.glob(path, detail=True).items()}
         elif system.isdir(path):
             found = {str(about["name"]): about for about in system.ls(path, detail=True)}
+            folders = [file for file, about in found.items() if about.get("type") == "directory"]
+            pattern = f"{path.rstrip('/')}/**/*.jpg" if path.strip("/") else "**/*.jpg"
+            tell_of_subfolders(name, folders, _make_url(name, system, path, pattern))
         else:
             found = {path: {}}
             with suppress(Exception):  # files that are not there, which their rows will say, and stores that don't tell
                 found = {path: system.info(path)}
         endings = image_endings()
-        visible = (file for file in found if file == path or not Path(file).name.startswith("."))
+        named = {*Path(path).parts}
+        visible = (
+            file for file in found if not any(part.startswith(".") for part in Path(file).parts if part not in named)
+        )
         files = sorted((file for file in visible if Path(file).suffix.lower() in endings), key=natural_order)
     return [_state_in_store(_make_url(name, system, path, file), found[file]) for file in files]
 

@@ -27,6 +27,7 @@ from ..requests.sources import STDIN, Source, from_photo, from_stored
 from ..requests.templates import OPENCV_ENDINGS, read_templates
 from ..runtime.extras import extra
 from ..runtime.groups import split_by_weight
+from ..runtime.text import counted
 from .errors import Skipping
 from .terminal import inform
 
@@ -56,7 +57,10 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
                 raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
             items = list(os.scandir(name))
             files = _select_files(items, endings)
-            _tell_of_subfolders(name, items, arguments.output)
+            folders = [item.path for item in items if item.is_dir()]
+            own = os.path.realpath(arguments.output)
+            others = [folder for folder in folders if os.path.realpath(folder) != own]
+            tell_of_subfolders(name, others, os.path.join(glob.escape(name), "**", "*.jpg"))
             array_endings = sorted({*endings} - image_endings())
             kinds = ", ".join((["images"] if len(array_endings) < len(endings) else []) + array_endings)
             reason = f"expected a file, or a folder of files of these kinds: {kinds}"
@@ -78,17 +82,19 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
     return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
 
 
-def _tell_of_subfolders(name: str, items: Iterable[os.DirEntry[str]], output: str) -> None:
-    """A line on stderr if a folder has subfolders that are not results of this command or data sets."""
-    folders = [entry for entry in items if entry.is_dir() and not entry.name.startswith(".")]
-    left_out = [
-        folder
-        for folder in folders
-        if not folder.name.endswith(DATASET) and os.path.realpath(folder.path) != os.path.realpath(output)
-    ]
+def tell_of_subfolders(name: str, folders: Iterable[str], pattern: str) -> None:
+    """A line on stderr if some of a folder's subfolders are neither hidden nor data sets.
+
+    Args:
+        name: of the folder.
+        folders: the paths of its subfolders.
+        pattern: what takes the files in them, too.
+    """
+    names = sorted((Path(folder).name for folder in folders), key=natural_order)
+    left_out = [folder for folder in names if not folder.startswith(".") and not folder.endswith(DATASET)]
     if left_out:
-        pattern = os.path.join(glob.escape(name), "**", "*.jpg")
-        inform(f"{name}: subfolders are left out, such as {left_out[0].name}: a pattern takes them, '{pattern}'")
+        count = counted(len(left_out), "subfolder")
+        inform(f"{name}: {count} left out, such as {left_out[0]}: a pattern takes them, '{pattern}'")
 
 
 def _select_files(items: Iterable[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
