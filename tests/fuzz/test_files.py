@@ -20,7 +20,7 @@ from .harness import check_sentence, examine, parts
 from .reading import Answer, Reader
 
 SECONDS = 5.0  # of the processor until a file is refused
-BYTES = 2**30  # beyond the process at the start, until a file is refused
+BYTES = 1_500_000_000  # beyond the process at the start, until a file is refused: decoders take 8 for each pixel
 CORPUS = sorted(Path(__file__).parent.joinpath("corpus", "files").iterdir())
 cases = st.deferred(lambda: st.tuples(st.integers(0, len(seeds()) - 1), st.integers(0, 2**48)))
 reader = cache(Reader)

@@ -85,6 +85,8 @@ def which_hog(
     array = as_array("the descriptor", array)
     if not array.ndim:
         raise ValueError("the descriptor must be an array of one axis or more, got one number: pass all of them")
+    if not array.size:  # NumPy takes forever for 10¹⁰ rows of no numbers
+        return WhichHOG(())
     if not np.isfinite(array).all():
         raise ValueError("the descriptor must be finite, got NaN or Inf")
     if dialects is not None and not isinstance(dialects, Mapping):
@@ -172,8 +174,8 @@ def _check_order(array: NDArray[np.floating], candidates: list[Candidate]) -> Ch
     differences = [_difference_of_neighbours(each, array) for each in candidates]
     order = sorted(range(len(candidates)), key=differences.__getitem__)
     places = array.size / candidates[0].spec.channels
-    clearly = CLEARLY_ALIKE ** math.sqrt(ALIKE_PLACES / places)  # as the scatter of means falls
-    remaining = [candidates[k] for k in order if differences[k] < clearly * differences[order[0]]]
+    least, clearly = differences[order[0]], CLEARLY_ALIKE ** math.sqrt(ALIKE_PLACES / places)  # the scatter of means
+    remaining = [candidates[k] for k in order if differences[k] <= least or differences[k] < clearly * least]
     excluded = [candidates[k] for k in order if candidates[k] not in remaining]
     size = "x".join(map(str, remaining[0].image_size))
     return remaining, excluded, f"neighbours are most alike in an image of {size} pixels"
@@ -182,7 +184,7 @@ def _check_order(array: NDArray[np.floating], candidates: list[Candidate]) -> Ch
 def _difference_of_neighbours(candidate: Candidate, array: NDArray[np.floating]) -> float:
     """The mean squared difference of neighbouring histograms, of their variance, along the axis where it is larger.
 
-    Of blocks, those of the cells that two blocks share.  Inf for a single row or column.
+    Of blocks, those of the cells that two blocks share.  Inf for a single row or column, or for numbers too large.
     """
     descriptors = normalize(candidate.descriptors(array), dim=3)  # else a few strong ones decide
     varying = descriptors - descriptors.mean(dim=(1, 2), keepdim=True)
@@ -197,7 +199,8 @@ def _difference_of_neighbours(candidate: Candidate, array: NDArray[np.floating])
         if side > 1:
             first, second = (x.narrow(2 + axis, start, side - 1) for x, start in ((first, 1), (second, 0)))
         differences.append(float((first - second).square().mean()))
-    return max(differences) / max(float(varying.square().mean()), 1e-30)
+    difference = max(differences) / max(float(varying.square().mean()), 1e-30)
+    return math.inf if math.isnan(difference) else difference
 
 
 def _check_distance(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
@@ -208,7 +211,7 @@ def _check_distance(array: NDArray[np.floating], candidates: list[Candidate]) ->
     order = sorted(range(len(candidates)), key=distances.__getitem__)
     ranked = [candidates[k] for k in order]
     first, second = (distances[k] for k in order[:2])
-    if second < CLEARLY_NEARER * first:
+    if not second >= CLEARLY_NEARER * first:  # NaN: the numbers are too large
         return ranked, [], ""
     return ranked[:1], ranked[1:], f"its pre-image comes as near as {first:.3f}, and that of the next {second:.3f}"
 

@@ -6,6 +6,7 @@ Nothing in them is ever unpickled, so no code in them is ever run.
 from __future__ import annotations
 
 import os
+import sys
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -50,7 +51,15 @@ def read_arrays(path: Readable, kind: str, names: Sequence[str]) -> Arrays:
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):  # a member that is no .npy file is read as bytes
             raise ValueError(f"{path}: expected a {kind}, but {name} in the archive is not an array (.npy)")
+        if array.dtype.kind == "U" and not _is_unicode(array):
+            raise ValueError(f"{path}: the archive is damaged: {name} holds characters that Unicode lacks")
     return arrays
+
+
+def _is_unicode(array: NDArray[np.str_]) -> bool:
+    """Whether texts can be Python's, which fails later, and anywhere, of those that NumPy takes from a file."""
+    numbers = np.frombuffer(array.tobytes(), np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    return not len(numbers) or int(numbers.max()) <= sys.maxunicode
 
 
 def write_arrays(path: Writable, version: int, arrays: Mapping[str, object], *, compressed: bool = False) -> None:
@@ -134,6 +143,8 @@ def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:
     if array.dtype.kind != "f" or array.dtype.itemsize > 8:
         write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else ""
         raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}{write}")
+    if not array.size:
+        raise ValueError(f"{path}: expected a descriptor, got an array without numbers, of shape {array.shape}")
     return array
 
 
