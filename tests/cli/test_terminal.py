@@ -15,14 +15,18 @@ SHOWN = "a\\x1b[31m\\x9b\\u202eb.png"
 
 def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(terminal, "FIRST_LINE", 10.0)
-    times = iter([0.0, 1.0, 9.0, 121.0, 130.0, 181.0])
+    times = iter([0.0, 1.0, 9.0, 121.0, 130.0, 181.0, 242.0, 303.0])
     monkeypatch.setattr(terminal.time, "monotonic", lambda: next(times))
     with terminal.counter("nablahog x") as progress:
         for done in (10, 11, 20, 21, 30):
             progress(done, 50, "a, b")
+        progress(31, 50, "")
+        progress(50, 50, "the page")
     assert capsys.readouterr().err.splitlines() == [
         "nablahog x: 20 of 50 done, about 6 min left, at a, b",  # ten took two minutes; an earlier run did the others
         "nablahog x: 30 of 50 done, about 3 min left, at a, b",
+        "nablahog x: 31 of 50 done, about 4 min left",
+        "nablahog x: 50 of 50 done, at the page",
     ]
 
 

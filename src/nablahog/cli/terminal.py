@@ -72,10 +72,10 @@ class _Lines:
         if now >= self.next_line and done > self.before:
             self.next_line = now + LINE_INTERVAL
             left = (now - self.began) / (done - self.before) * (total - done)
-            minutes = max(1, round(left / 60))
-            print(
-                f"{self.name}: {done} of {total} done, about {minutes} min left, at {printable(what)}", file=sys.stderr
-            )
+            remaining = f"about {max(1, round(left / 60))} min left" if done < total else ""
+            at_work = f"at {printable(what)}" if what else ""
+            parts = [f"{self.name}: {done} of {total} done", remaining, at_work]
+            print(", ".join(filter(None, parts)), file=sys.stderr)
 
 
 def say(text: str) -> None:
