@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
 import os
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from nablahog.cli.commands import pose
@@ -90,7 +93,22 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
         assert text in page
     (cosine,) = re.findall(r"over ±0.1° is (\d\.\d\d)", page)
     assert float(cosine) > 0.7
-    assert "data:image/png;base64," in (out / "index.html").read_text()
+    index = (out / "index.html").read_text()
+    whole_picture, close = (
+        np.asarray(Image.open(BytesIO(base64.b64decode(text)))).astype(int)
+        for text in re.findall('data:image/png;base64,([^"]+)', index)
+    )
+    assert whole_picture.shape == (240, 288, 3)  # as the photograph of 150x180
+    assert close.shape == (240, 240, 3)
+    shown = Image.open(photograph).convert("RGB").resize((288, 240), Image.Resampling.BILINEAR)
+    unlike = np.abs(whole_picture - np.asarray(shown)).max(2) > 30
+    assert 0.005 < unlike.mean() < 0.1  # the outline and the box alone
+    assert is_red(whole_picture[unlike]).mean() > 0.9
+    assert is_red(close).mean() > 0.005
+
+
+def is_red(pixels: NDArray[np.int_]) -> NDArray[np.bool_]:
+    return (pixels[..., 0] > 200) & (pixels[..., 1:].max(-1) < 100)
 
 
 def test_chairs_that_come_with_the_package(

@@ -33,14 +33,13 @@ from ...runtime.text import to_unicode
 from ..arguments.options import build_request
 from ..errors import REFUSED, SOME_SKIPPED, tell
 from ..results.pose_files import PosedObject, names, rows, write
-from ..results.pose_page import close_up, pose_page
+from ..results.pose_page import pose_page
+from ..results.pose_pictures import join_pictures, joined_shape
 from ..terminal import counter, inform, print_table, say_page
 
-SIDE = 160  # pixels of the picture of an object
 AXES_HINT = "; if y points up in the file of the model, use --up y --front=+z"
 _NO_PART_OF_A_RESULT: dict[str, Any] = {"mesh": None, "mask": None, "annotations": None, "least_confidence": 0.0}
 """Fields of a request that do not change a stored result: the content of files counts, not their names."""
-_FILL = 0.8  # share of that for the longer side of the box
 
 
 def pose(arguments: Namespace) -> int:
@@ -195,11 +194,11 @@ class ObjectJob:
 
     def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture."""
-        return len(result.figures) == 1 and result.pictures.shape == (1, 3, SIDE, SIDE)
+        return len(result.figures) == 1 and result.pictures.shape[1:] == joined_shape(result.figures[0]["image_size"])
 
     @in_plain_mode
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
-        """Finds the pose: its figures, with the page if there is one, and a picture of the object with the outline."""
+        """Finds the pose: its figures, with the page if there is one, and pictures with the outline."""
         request, photo = self._complete(), local_path(self.photo)
         photograph, box = read_image(photo, as_bytes=True), self.listed.box
         size = (photograph.shape[1], photograph.shape[2])
@@ -221,7 +220,7 @@ class ObjectJob:
         if request.page:
             searched = list(meshes), request.method, lens.camera
             figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, *searched)
-        _, _, picture = close_up(photograph, estimate, mesh, SIDE, _FILL * SIDE)
+        picture = join_pictures(photograph, estimate, mesh)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
 
     def _lens(self, photo: Path, size: tuple[int, int]) -> Lens:

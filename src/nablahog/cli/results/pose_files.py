@@ -21,8 +21,9 @@ from ...jobs.store import JobResult
 from ...runtime.text import guard_formula
 from ...viz import html
 from ...viz.pictures import Panel
+from .pose_pictures import split_pictures
 
-SHOWN = 200  # objects with a picture on the page
+SHOWN = 100  # objects with pictures on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
 _CAMERA = ("focal_length", "focal_length_from")
@@ -70,7 +71,7 @@ DEFINITIONS = {
 
 @dataclass(frozen=True, eq=False)
 class PosedObject:
-    """An object with the figures of its pose and a picture (3, H, W), uint8; without a pose, a sentence says why.
+    """An object with the figures of its pose and its joined pictures, uint8; without a pose, a sentence says why.
 
     ``page`` is HTML, if pages were asked for; ``refused`` is a pose that is less sure than was asked for.
     """
@@ -222,8 +223,10 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     panels = []
     for posed in objects[:SHOWN]:
         if posed.picture is not None:
-            name = f"{posed.listed.image}, {posed.listed.id}"
-            panels.append(Panel(posed.picture / 255, name, f"The object with the outline of {posed.figures['model']}"))
+            name, model = f"{posed.listed.image}, {posed.listed.id}", posed.figures["model"]
+            photograph, close = split_pictures(posed.picture / 255, posed.figures["image_size"])
+            panels.append(Panel(photograph, name, f"The photograph with the object's box and the outline of {model}"))
+            panels.append(Panel(close, f"{name}, closer", f"The object in gray with the outline of {model}"))
     doubtful = [
         {"image": posed.listed.image, "object": posed.listed.id, "why": posed.figures["warning"]}
         for posed in objects
@@ -236,7 +239,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     ]
     first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
-        html.Section("Outlines", f"Each object with the outline of the model that fits best.{first}", panels),
+        html.Section("Outlines", f"Objects with the outline of the model that fits best, and closer.{first}", panels),
         html.Section("Doubtful poses", "Poses that are more likely wrong than right, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]

@@ -7,28 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.functional import interpolate
 
 from ...hog import HOGSpec
 from ...inputs.boxes import Box
 from ...inputs.cameras import PhotographCamera
-from ...io.images import Picture, as_array
+from ...io.images import as_array
 from ...pose import PoseEstimate
-from ...pose.crop import CROP_FILL, CROP_SIDE, ObjectCrop, crop_object
+from ...pose.crop import CROP_FILL, CROP_SIDE, crop_object
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.result import pose_figures, warning
 from ...pose.similarity import Similarity, describe
-from ...render import Camera, Mesh, render, silhouette
+from ...render import Mesh, render
 from ...render.renderer import EdgeMethod
 from ...viz import html
-from ...viz.pictures import Panel, glyphs, outlined
+from ...viz.pictures import Panel, glyphs
 from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
 from .pose_files import define, show_figures
+from .pose_pictures import close_up, outline_photograph
 
 HEIGHT = 320  # of the pictures of the overlay
-WIDEST = 1280  # width of a photograph there
 VIEWS = 8  # below the figure
 AZIMUTHS = 180  # at which similarity is computed
 SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
@@ -111,18 +110,11 @@ def pose_page(
 
 def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Panel]:
     """The photograph with the object's box and the model's outline, and closer, without and with the rendering."""
-    height, width = photograph.shape[1:]
-    zoom = min(HEIGHT / height, WIDEST / width)
-    size = max(1, round(height * zoom)), max(1, round(width * zoom))
-    whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
-    whole = whole / 255 if not whole.is_floating_point() else whole
-    drawn, pose, camera = estimate.render_arguments(mesh)
-    whole_outlined = _outlined(whole, drawn, _scaled(pose[0], zoom), Camera(camera.focal * zoom, *size))
     close, pose, close_outlined = close_up(photograph, estimate, mesh, HEIGHT, _CLOSE * HEIGHT)
     pasted = render(mesh, pose, close.camera, background=close.image)
     return [
         Panel(
-            draw_boxes(whole_outlined, [[side * zoom for side in estimate.box]]),
+            outline_photograph(photograph, estimate, mesh, HEIGHT),
             "the photograph",
             f"The photograph with the object's box and the outline of {estimate.model}",
         ),
@@ -138,27 +130,6 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
             f"A rendering of {estimate.model} at the pose found, in the object's place",
         ),
     ]
-
-
-def close_up(
-    photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, side: int, fill: float
-) -> tuple[ObjectCrop, Tensor, NDArray[np.float64]]:
-    """A crop of ``side`` pixels, ``fill`` of them the box's longer side; the pose in it; the model's outline on it."""
-    known = estimate.camera.focal, estimate.principal_point
-    crop = crop_object(photograph, estimate.box, side, fill, *known)
-    pose = _scaled(estimate.crop_pose, fill / CROP_FILL)
-    return crop, pose, _outlined(crop.image[0], mesh, pose, crop.camera)
-
-
-def _outlined(picture: Picture, mesh: Mesh, pose: Tensor, camera: Camera) -> NDArray[np.float64]:
-    return outlined(picture, as_array(silhouette(mesh, pose, camera)[0, 0]) >= 0.5)
-
-
-def _scaled(pose: Tensor, zoom: float) -> Tensor:
-    """A pose (6,), as (1, 6), for a picture of another size."""
-    scaled = pose.clone()
-    scaled[4:] *= zoom
-    return scaled[None]
 
 
 def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> html.Section:
