@@ -56,7 +56,8 @@ class Row:
         kind: which columns take it.
         make: from the plain input of a column to this one; of a context, from a call to its result.
         means: from the plain input to another plain one of the same meaning, where that is not the plain input itself.
-        must: ``"be taken"``: any function that takes this kind has to take it; ``"be refused"``: it has no meaning;
+        must: ``"be taken"``: any function that takes this kind has to take it; ``"be taken if traceable"``: any that
+            is made of tensors; ``"be refused"``: it has no meaning;
             ``"either"``: equal, or refused with a remedy.
         tolerance: of the result, beside that of the column.
         warns: whether a warning of the package that says what to write is as good as a refusal.
@@ -67,7 +68,7 @@ class Row:
     kind: Kind
     make: Callable[[Any], Any]
     means: Callable[[Any], Any] = same
-    must: Literal["be taken", "be refused", "either"] = "either"
+    must: Literal["be taken", "be taken if traceable", "be refused", "either"] = "either"
     tolerance: float = 0.0
     warns: bool = False
     leaves_out: Mapping[str, str] = field(default_factory=dict)
@@ -139,7 +140,8 @@ def run_cell(row: Row, column: Column) -> Cell:
     except NotApplicable:
         return Cell("none")
     except Exception as error:
-        return _judge_error(error, must_take=row.must == "be taken" and column.is_for(row.kind, value), warns=row.warns)
+        must_take = column.traceable if row.must == "be taken if traceable" else column.is_for(row.kind, value)
+        return _judge_error(error, must_take=row.must.startswith("be taken") and must_take, warns=row.warns)
     if row.must == "be refused" or isinstance(expected, Exception):
         return Cell("failing", "taken, though it has no meaning")
     return _judge_result(result, expected, column.tolerance + row.tolerance)
@@ -175,8 +177,7 @@ def plain_result(name: str, kind: Kind) -> Any:
 def numbers(result: Any) -> NDArray[np.float64]:
     """All numbers of a result in a row."""
     if isinstance(result, torch.Tensor):
-        result = result.detach().cpu()
-        return (result.double() if result.is_floating_point() else result.long()).numpy().ravel().astype(np.float64)
+        return np.array(result.detach().tolist(), np.float64).ravel()  # also in torch.func.grad
     if is_dataclass(result):
         result = [getattr(result, each.name) for each in fields(result)]
     if isinstance(result, Mapping):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 import nablahog
 
 from .columns import COLUMNS
-from .columns.plain import DESCRIPTOR, SIZE
+from .columns.plain import DESCRIPTOR, IMAGE, OTHER, SIZE
 from .rows import ROWS
 from .table import Column, Row, Use, numbers, plain_result, run_cell
 
@@ -37,6 +38,17 @@ def test_command_and_page_give_the_results_of_python() -> None:
         for name in names:
             result = numbers(plain_result(name, kind))  # type: ignore[arg-type]
             np.testing.assert_allclose(result, numbers(expected), atol=off, rtol=0, err_msg=name)
+
+
+def test_arrays_are_described_inside_transforms() -> None:
+    expected = nablahog.hog(IMAGE, "uoctti")
+
+    def distance(x: torch.Tensor) -> torch.Tensor:
+        return (nablahog.hog(x, "uoctti") - torch.from_numpy(nablahog.hog(IMAGE, "uoctti"))).square().sum()
+
+    _, value = torch.func.grad_and_value(distance)(torch.from_numpy(OTHER)[None, None])
+    other = nablahog.hog(OTHER, "uoctti")
+    assert float(value) == pytest.approx(float(np.square(other - expected).sum()), rel=1e-5)
 
 
 def _refusing(value: float) -> float:

@@ -173,6 +173,9 @@ def test_tensors_have_derivatives(norm: str) -> None:
         return torch.cat([descriptor, picture.flatten()])
 
     assert torch.autograd.gradcheck(both, image)
+    expected = torch.autograd.functional.jacobian(both, image)
+    torch.testing.assert_close(torch.func.jacrev(both)(image.detach()), expected)
+    torch.testing.assert_close(torch.func.jacfwd(both)(image.detach()), expected)
 
 
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {

@@ -191,6 +191,8 @@ def test_refuses() -> None:
         for pair in ((TARGETS, other), (other, TARGETS)):
             with pytest.raises(ValueError, match=r"must be tensors \(B, C, H, W\) of one shape, got .* and "):
                 HOGLoss("uoctti")(*pair)
+    with pytest.raises(ValueError, match="on one device, got meta and cpu: write target"):
+        HOGLoss("uoctti")(TARGETS, TARGETS.to("meta"))
 
 
 def test_empty_batches() -> None:

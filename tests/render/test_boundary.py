@@ -46,7 +46,7 @@ def test_render_in_a_compiled_function() -> None:
 
 
 def test_poses_cannot_be_mapped_over() -> None:
-    with pytest.raises(ValueError, match=r"instead of vmap, one batch \(B, 6\)"):
+    with pytest.raises(ValueError, match="outside of"):
         torch.func.vmap(lambda at: render(triangle(), at[None], CAMERA))(pose(20))
 
 

@@ -114,7 +114,7 @@ def test_no_field_of_view(degrees: float) -> None:
     ],
 )
 def test_no_poses(poses: Any) -> None:
-    with pytest.raises(ValueError, match="poses must be"):
+    with pytest.raises((TypeError, ValueError), match="poses must be"):
         check_poses(poses)
 
 

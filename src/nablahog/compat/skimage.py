@@ -15,13 +15,14 @@ from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.normalizers.block import BlockForm
 from ..hog.orientation import magnitude
-from ..inputs.arrays import as_array, check_dense, check_values
+from ..inputs.arrays import as_array, check_dense, read_tensor, to_array
 from ..inputs.numbers import as_integer, as_plain, as_size, shortened
 from ..runtime.extras import extra
 
 __all__ = ["hog"]
 
 MOST_ORIENTATIONS = 2**16
+_TRACEABLE = "nablahog.hog(images, 'skimage'), images (B, C, H, W)"  # for torch.vmap and torch.export
 
 Image = TypeVar("Image", NDArray[Any], Tensor)
 
@@ -156,7 +157,7 @@ def hog(
     tensors = [descriptor.to(gx.dtype).contiguous()]
     if visualize:
         tensors.append(_glyphs(cells, cell, size, gx.dtype))
-    results: list[Any] = tensors if isinstance(image, Tensor) else [tensor.numpy() for tensor in tensors]
+    results: list[Any] = tensors if isinstance(image, Tensor) else [to_array(tensor) for tensor in tensors]
     return (results[0], results[1]) if visualize else results[0]
 
 
@@ -181,7 +182,6 @@ def _array(image: object, transform_sqrt: bool) -> NDArray[Any]:
 def _tensor(image: Tensor) -> Tensor:
     """The image in float32 or float64, of at least two dimensions; not copied if it is so already."""
     check_dense("image", image)
-    check_values("image", image)
     image = torch.atleast_2d(image)  # type: ignore[no-untyped-call]
     return image.to(torch.float32 if image.is_floating_point() and image.dtype != torch.float64 else torch.float64)
 
@@ -220,7 +220,7 @@ def _gradient(planes: NDArray[Any] | Tensor, spec: HOGSpec) -> tuple[Tensor, Ten
 
 def _cells(gx: Tensor, gy: Tensor, bins: int, spec: HOGSpec) -> Tensor:
     """Mean votes (bins, rows, cols) of the cells, float64, by the gradients (C, M, N).  A NaN affects its cell only."""
-    along_x, along_y = (g.detach().cpu().numpy() for g in (gx, gy))
+    along_x, along_y = (read_tensor("image", g, _TRACEABLE) for g in (gx, gy))
     if len(gx) > 1:
         winner = np.hypot(along_x, along_y).argmax(axis=0, keepdims=True)
         along_x, along_y = (np.take_along_axis(g, winner, axis=0) for g in (along_x, along_y))

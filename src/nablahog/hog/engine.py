@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.autograd import Function, forward_ad
 from torch.nn import Parameter
 
+from ..runtime.pytorch import transforms_active
 from .spec import HOGSpec
 from .steps import histograms_reference, normalize_reference, spread_nan
 
@@ -112,7 +113,6 @@ def is_traced(x: Tensor) -> bool:
     return tracing or type(x) not in (Tensor, Parameter)
 
 
-_transforms_active: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 # whether a gradient is batched (``is_grads_batched`` of torch.autograd.grad): only PyTorch's own functions can read it
 _batched: Callable[[Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
 
@@ -123,7 +123,7 @@ def apply(kind: type[Step], x: Tensor, spec: HOGSpec) -> Tensor:
     Second derivatives are those of the reference.
     """
     step = make_step(kind, spec, x.shape[1:], x.dtype, real_dtype(x.dtype))
-    if _transforms_active() or forward_ad._current_level >= 0:
+    if transforms_active() or forward_ad._current_level >= 0:
         output: Tensor = _applied(_Run, x, step)[0]
         return output
     if x.requires_grad and torch.is_grad_enabled():
@@ -154,7 +154,7 @@ class _RunSimply(Function):
             with torch.enable_grad():
                 x = x.detach().requires_grad_()
                 return torch.autograd.grad(step.reference(x), x, grad_output)[0], None
-        if torch.is_grad_enabled() or _transforms_active() or forward_ad._current_level >= 0:
+        if torch.is_grad_enabled() or transforms_active() or forward_ad._current_level >= 0:
             return _applied(_Vjp, x, saved, grad_output, step), None
         return step.vjp(x, saved, grad_output.resolve_neg()), None
 

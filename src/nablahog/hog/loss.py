@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor, nn
 
+from ..inputs.arrays import advise_on_tensor, check_device
 from ..inputs.numbers import check_choice
 from .descriptor import HALVES, hog
 from .dialects import as_spec
@@ -63,14 +64,16 @@ class HOGLoss(nn.Module):
         It is in float32, or float64 if one of the two is.  Differentiable in both; either may be uint8.
 
         Raises:
-            TypeError, ValueError: they are not tensors of one shape, or :func:`hog` does not take them.
+            TypeError, ValueError: they are not tensors of one shape on one device, or :func:`hog` does not take them.
         """
         pair = input, target
         shape, target_shape = (x.shape if isinstance(x, Tensor) else type(x).__name__ for x in pair)
         if shape != target_shape or isinstance(shape, str):
+            write = advise_on_tensor("input", input) or advise_on_tensor("target", target)
             raise ValueError(
-                f"input and target must be tensors (B, C, H, W) of one shape, got {shape} and {target_shape}"
+                f"input and target must be tensors (B, C, H, W) of one shape, got {shape} and {target_shape}{write}"
             )
+        check_device("target", target, "input", input)
         descriptors, expected = (hog(x.float() if x.dtype in HALVES else x, self.spec) for x in pair)
         scale = torch.maximum(expected.square().sum((1, 2, 3)), self._full_weight_energy(expected))
         losses = (descriptors - expected).square().sum((1, 2, 3)) / scale

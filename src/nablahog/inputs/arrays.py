@@ -243,9 +243,7 @@ def as_array(name: str, values: object) -> NDArray[Any]:
     """
     if isinstance(values, Tensor):
         check_dense(name, values)
-        check_values(name, values)
-        values = values.detach().cpu().resolve_neg().resolve_conj()
-        values = (values.float() if values.dtype == torch.bfloat16 else values).numpy()
+        values = read_tensor(name, values)
     check_unmasked(name, values)
     if is_pil(values):
         load_pixels(name, values)  # type: ignore[arg-type]
@@ -279,6 +277,24 @@ def check_dense(name: str, tensor: Tensor) -> None:
         raise TypeError(f"{name} must be floats of at least 16 bits, got {tensor.dtype}: write tensor.float()")
 
 
+def advise_on_tensor(name: str, value: object) -> str:
+    """What to write for an array, or for lists of numbers, that must be a tensor; nothing for all else."""
+    noun = name.split()[-1]
+    if isinstance(value, np.ndarray):
+        return f": write torch.from_numpy({noun})"
+    return f": write torch.tensor({noun})" if isinstance(value, list | tuple) else ""
+
+
+def check_device(name: str, tensor: Tensor, other_name: str, other: Tensor) -> None:
+    """Raises ValueError unless both tensors are on one device."""
+    if tensor.device != other.device:
+        noun, other_noun = name.split()[-1], other_name.split()[-1]
+        raise ValueError(
+            f"{name} and {other_name} must be on one device, got {tensor.device} and {other.device}: write "
+            f"{noun}.to({other_noun}.device)"
+        )
+
+
 def check_shape(name: str, tensor: object, shape: tuple[int | str, ...]) -> Tensor:
     """A dense tensor of floating point numbers with these sides, of which those with a name have any length.
 
@@ -288,7 +304,7 @@ def check_shape(name: str, tensor: object, shape: tuple[int | str, ...]) -> Tens
     """
     expected = f"{name} must be a tensor ({', '.join(map(str, shape))}) of floating point numbers"
     if not isinstance(tensor, Tensor):
-        raise TypeError(f"{expected}, got {type(tensor).__name__}: write torch.as_tensor(…)")
+        raise TypeError(f"{expected}, got {type(tensor).__name__}{advise_on_tensor(name, tensor)}")
     check_dense(name, tensor)
     sides = zip(tensor.shape, shape, strict=False)
     if tensor.dim() != len(shape) or any(isinstance(side, int) and length != side for length, side in sides):
@@ -298,10 +314,33 @@ def check_shape(name: str, tensor: object, shape: tuple[int | str, ...]) -> Tens
     return tensor
 
 
-def check_values(name: str, tensor: Tensor) -> None:
-    """Raises ValueError for a tensor on the device meta, which has a shape and no values."""
-    if tensor.is_meta:
-        raise ValueError(f"{name} must have values, got a tensor on the device meta: pass one on the CPU or a GPU")
+def check_values(name: str, tensor: Tensor, write: str = "") -> None:
+    """Raises ValueError for a tensor that has a shape and no values to read, with what to ``write`` for it."""
+    try:
+        bool(tensor.detach()[(slice(1),) * tensor.dim()].isfinite().all())
+    except RuntimeError:
+        advice = "call the function outside of torch.vmap and torch.export, with all of the batch"
+        if tensor.is_meta:
+            advice = "pass one on the CPU or a GPU, not on the device meta"
+        elif write:
+            advice = f"write {write}"
+        raise ValueError(f"{name} must be a tensor whose values can be read: {advice}") from None
+
+
+def read_tensor(name: str, tensor: Tensor, write: str = "") -> NDArray[Any]:
+    """The values of a dense tensor, without its derivative; of bfloat16 in float32.
+
+    Raises:
+        ValueError: they cannot be read, see :func:`check_values`.
+    """
+    values = (tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().resolve_neg().resolve_conj()
+    try:
+        array: NDArray[Any] = values.cpu().numpy()
+    except RuntimeError:
+        check_values(name, tensor, write)
+        # in torch.func.grad and jvp tensors have values, but show no memory
+        array = np.array(values.tolist(), str(values.dtype).removeprefix("torch.")).reshape(values.shape)
+    return array
 
 
 def check_unmasked(name: str, array: object) -> None:
@@ -312,5 +351,4 @@ def check_unmasked(name: str, array: object) -> None:
 
 def to_array(result: Tensor, single: bool = False) -> NDArray[Any]:
     """A result (B, …) as an array, without its first axis if ``single``."""
-    array: NDArray[Any] = (result[0] if single else result).detach().cpu().numpy()
-    return array
+    return read_tensor("the result", result[0] if single else result)

@@ -12,7 +12,7 @@ from torch.nn.functional import avg_pool2d
 from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import Descriptors, as_unit_range, check_shape, check_values, to_array
+from ..inputs.arrays import Descriptors, as_unit_range, check_shape, to_array
 from ..inputs.numbers import as_integers
 
 SCALES = (64, 16, 4, 1)
@@ -55,7 +55,6 @@ def scale_descriptors(image: Descriptors, spec: HOGSpec | str, scales: Sequence[
     spec, scales = as_spec(spec), as_integers("scales", scales)
     images, is_single = as_unit_range("image", image)
     check_shape("image", images, ("B", "C", "H", "W"))
-    check_values("image", images)
     levels = [level_spec(spec, scale, (images.shape[2], images.shape[3]))[0] for scale in scales]
     descriptors = [hog(avg_pool2d(images, math.isqrt(s)), level) for s, level in zip(scales, levels, strict=True)]
     return [level if isinstance(image, Tensor) else to_array(level, is_single) for level in descriptors]

@@ -19,7 +19,7 @@ from ..hog import HOGSpec
 from ..hog.dialects import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
-from ..inputs.arrays import as_descriptors, check_dense, check_values
+from ..inputs.arrays import advise_on_tensor, as_descriptors, check_dense, check_values, read_tensor
 from ..inputs.numbers import as_size, check_type
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
@@ -63,7 +63,8 @@ class StoredDescriptor:
     def __post_init__(self) -> None:
         if not isinstance(self.descriptor, Tensor) or self.descriptor.dtype not in (torch.float32, torch.float64):
             got = getattr(self.descriptor, "dtype", type(self.descriptor).__name__)
-            raise TypeError(f"the descriptor must be a tensor of float32 or float64, got {got}")
+            write = advise_on_tensor("descriptor", self.descriptor)
+            raise TypeError(f"the descriptor must be a tensor of float32 or float64, got {got}{write}")
         check_dense("the descriptor", self.descriptor)
         check_values("the descriptor", self.descriptor)
         check_type("spec", self.spec, HOGSpec, "nablahog.presets.NAME()")
@@ -116,9 +117,10 @@ def save_descriptor(
     spec = as_spec(spec)
     tensor, is_single = as_descriptors("the descriptor", descriptor)
     check_values("the descriptor", tensor)
-    values = (tensor[0] if is_single else tensor).detach().cpu().resolve_neg()
+    values = (tensor[0] if is_single else tensor).detach().cpu()
     stored = StoredDescriptor(values, spec, image_size)
-    arrays = {"descriptor": stored.descriptor.numpy(), "spec": spec.to_json(), "image_size": stored.image_size}
+    array = read_tensor("the descriptor", stored.descriptor)
+    arrays = {"descriptor": array, "spec": spec.to_json(), "image_size": stored.image_size}
     write_arrays(path, FORMAT, arrays, compressed=True)
 
 

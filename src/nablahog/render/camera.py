@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
-from ..inputs.arrays import check_shape
+from ..inputs.arrays import advise_on_tensor, check_dense, check_shape, check_values
 from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number
 
 _REALS, _DOUBLES = native.array(np.float32, np.float64), native.array(np.float64)
@@ -106,15 +106,11 @@ def check_poses(poses: Tensor) -> None:
     is_tensor = isinstance(poses, Tensor)
     if not is_tensor or poses.dim() != 2 or not len(poses) or poses.shape[1] != 6 or not poses.is_floating_point():
         got = f"{poses.dtype} of shape {tuple(poses.shape)}" if is_tensor else type(poses).__name__
-        raise ValueError(f"poses must be a floating point tensor (B, 6) of {', '.join(PARAMETERS)}, got {got}")
-    try:
-        are_proper = bool(torch.isfinite(poses).all()) and bool((poses[:, 2] > 0).all())
-    except RuntimeError:
-        raise ValueError(
-            "poses must be a plain tensor whose numbers can be read: not inside torch.export, not sparse and not meta, "
-            "and of several, instead of vmap, one batch (B, 6)"
-        ) from None
-    if not are_proper:
+        write = advise_on_tensor("poses", poses)
+        raise ValueError(f"poses must be a floating point tensor (B, 6) of {', '.join(PARAMETERS)}, got {got}{write}")
+    check_dense("poses", poses)
+    check_values("poses", poses)
+    if not torch.isfinite(poses).all() or not (poses[:, 2] > 0).all():
         raise ValueError("poses must be finite, and their distances above 0")
 
 

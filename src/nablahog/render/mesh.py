@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..inputs.arrays import as_tensor
+from ..inputs.arrays import as_tensor, check_dense, check_device, check_values
 from ..inputs.numbers import shortened
 from ..io.input_file import Readable, input_file
 from ..runtime.text import describe_type, to_unicode
@@ -64,6 +64,8 @@ class Mesh:
     def __post_init__(self) -> None:
         for name in ("vertices", "faces", "brightness", "from_original"):
             object.__setattr__(self, name, _as_numbers(name, getattr(self, name)))
+        for name in ("faces", "brightness"):
+            check_device(name, getattr(self, name), "vertices", self.vertices)
         count = len(self.vertices)
         _check_shape("vertices", self.vertices, (count, 3))
         _check_shape("faces", self.faces, (len(self.faces), 3))
@@ -126,6 +128,9 @@ def check_mesh(mesh: object) -> Mesh:
 def _as_numbers(name: str, value: object) -> Tensor:
     """Of a mesh: float64, or int64 of faces, of at least one axis; arrays and lists are copied."""
     what, dtype = ("integers", torch.int64) if name == "faces" else ("real numbers", torch.float64)
+    if isinstance(value, Tensor):
+        check_dense(name, value)
+        check_values(name, value)
     try:
         numbers = value if isinstance(value, Tensor) else as_tensor(name, np.array(value, subok=True))
     except (TypeError, RuntimeError):

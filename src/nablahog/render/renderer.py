@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..inputs.arrays import as_images, check_shape, check_values
+from ..inputs.arrays import as_images, check_device, check_shape, check_values
 from ..inputs.numbers import as_integer, as_number, check_choice, check_type
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
@@ -126,6 +126,7 @@ class Renderer:
             ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or ``background`` is not as above.
         """
         check_poses(poses)
+        check_device("poses", poses, "mesh.vertices", self.mesh.vertices)
         behind, mesh = self._background(background, poses), self.mesh
         # an optimiser may have changed the mesh since the last call: compute its brightness anew
         by_mesh = any(part.requires_grad or is_differentiated(part) for part in (mesh.vertices, mesh.brightness))
@@ -185,6 +186,7 @@ class Renderer:
             return torch.full((1, height, width), level, dtype=torch.float32, device=poses.device)
         background, _ = as_images("the background", background)
         check_values("the background", background)
+        check_device("the background", background, "poses", poses)
         if background.shape not in ((1, 1, height, width), (len(poses), 1, height, width)):
             raise ValueError(
                 f"the background must be a number or have shape (1 or {len(poses)}, 1, {height}, {width}), "

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from ctypes import c_double, c_int64
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
+from ..inputs.arrays import read_tensor
 from ..inputs.numbers import as_number, as_numbers
 from .mesh import Mesh
 from .soup import find_distinct
@@ -40,14 +41,6 @@ class Edges(NamedTuple):
     kind: Tensor  # (E,), int64, one of :data:`SMOOTH`, :data:`BOUNDARY`, :data:`CREASE`
 
 
-def _values(tensor: Tensor) -> NDArray[Any]:
-    """The numbers of a tensor, without its derivative: topology is not differentiable."""
-    try:
-        return tensor.numpy(force=True)
-    except RuntimeError:  # inside a function transform tensors have numbers but show no memory
-        return np.array(tensor.tolist())
-
-
 def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
     """The first vertex at the same place, for each of (V, 3): colours split vertices, but not the surface."""
     first, which = find_distinct(places)
@@ -56,8 +49,8 @@ def weld_vertices(places: NDArray[np.float64]) -> NDArray[np.int64]:
 
 def mesh_edges(mesh: Mesh) -> Edges:
     """Finds the edges of a mesh and their kinds; triangles with two corners at one place have none."""
-    places = _values(mesh.vertices)
-    a, b, c = weld_vertices(places)[_values(mesh.faces)].T
+    places = read_tensor("vertices", mesh.vertices)
+    a, b, c = weld_vertices(places)[read_tensor("faces", mesh.faces)].T
     proper = (a != b) & (b != c) & (c != a)
     a, b, c = a[proper], b[proper], c[proper]
     start, end, opposite = np.concatenate([a, b, c]), np.concatenate([b, c, a]), np.concatenate([c, a, b])
@@ -111,7 +104,7 @@ class SmoothingGroups(NamedTuple):
 
 def smoothing_groups(mesh: Mesh) -> SmoothingGroups:
     """Groups the faces around each corner that meet its own face at :data:`CREASE_ANGLE` or less, turned either way."""
-    places, faces = _values(mesh.vertices), _values(mesh.faces)
+    places, faces = read_tensor("vertices", mesh.vertices), read_tensor("faces", mesh.faces)
     a, b, c = places[faces[:, 0]], places[faces[:, 1]], places[faces[:, 2]]
     normal = np.cross(b - a, c - a)
     vertex = weld_vertices(places)[faces].ravel()

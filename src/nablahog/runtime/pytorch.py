@@ -143,11 +143,16 @@ def load_forward_mode() -> None:
             forward_ad.make_dual(torch.zeros(1), torch.ones(1))  # type: ignore[no-untyped-call]
 
 
+# whether torch.func.grad, vmap or another transform is at work
+transforms_active: Callable[[], bool] = torch._C._are_functorch_transforms_active
+
+
 def in_plain_mode(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """A function that needs gradients and its own precision, whatever its caller has set.
 
     Meanwhile inference mode and autocast are off, and the default device is the CPU.  Tensors that were made in
-    inference mode, which cannot be part of a graph, are copied.
+    inference mode, which cannot be part of a graph, are copied.  In a transform it raises ValueError: PyTorch records
+    no gradients of its own there, or ends the process.
     """
 
     def plain(value: object) -> object:
@@ -155,6 +160,11 @@ def in_plain_mode(function: Callable[Parameters, Result]) -> Callable[Parameters
 
     @wraps(function)
     def called(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+        if transforms_active():
+            raise ValueError(
+                f"{function.__name__} must be called outside of torch.func.grad, torch.vmap and other transforms: it "
+                "has no derivative"
+            )
         with ExitStack() as modes:
             modes.enter_context(torch.inference_mode(False))
             for device in ("cpu", "cuda"):

@@ -233,12 +233,29 @@ def exported(call: Call) -> Any:
         return torch.export.export(Module(call.use.call), (x,)).module()(x)
 
 
+def plain_tensor(call: Call) -> torch.Tensor:
+    x = call.use.plain(call.use.base)
+    x = torch.from_numpy(x.copy()) if isinstance(x, np.ndarray) else x
+    if not isinstance(x, torch.Tensor) or not x.is_floating_point():
+        raise NotApplicable
+    return x
+
+
 def mapped(call: Call) -> Any:
     """Under ``torch.func.vmap``, one input a call."""
-    if not call.column.traceable:
-        raise NotApplicable
-    x = call.use.plain(call.use.base)
-    return torch.func.vmap(call.use.call)(x[None])[0]
+    return torch.func.vmap(call.use.call)(plain_tensor(call)[None])
+
+
+def differentiated(call: Call) -> Any:
+    """Inside ``torch.func.grad``."""
+    results: list[Any] = []
+
+    def read(x: torch.Tensor) -> torch.Tensor:
+        results.append(numbers(call.use.call(x)))
+        return x.sum()
+
+    torch.func.grad(read)(plain_tensor(call))
+    return results[0]
 
 
 CONTEXTS: dict[str, Callable[[], AbstractContextManager[Any]]] = {
@@ -266,8 +283,8 @@ RUNS: dict[str, Callable[[Call], Any]] = {
     "standard output closed": in_a_process(closed=True),
     "torch.compile": compiled,
     "torch.export": exported,
-    "torch.func.vmap": mapped,
 }
+TRANSFORMS: dict[str, Callable[[Call], Any]] = {"torch.func.vmap": mapped, "torch.func.grad": differentiated}
 _READ = {"render": "the numbers of poses are read: it is refused in one sentence"}
 LEFT_OUT = {
     "in a forked process": dict.fromkeys(
@@ -279,7 +296,8 @@ LEFT_OUT = {
 ROWS = [
     *[Row(name, "context", inside(context), must="be taken", tolerance=1e-5) for name, context in CONTEXTS.items()],
     *[
-        Row(name, "context", run, must="be taken", tolerance=1e-5, leaves_out=LEFT_OUT.get(name, {}))
-        for name, run in RUNS.items()
+        Row(name, "context", run, must=must, tolerance=1e-5, leaves_out=LEFT_OUT.get(name, {}))
+        for must, runs in (("be taken", RUNS), ("be taken if traceable", TRANSFORMS))
+        for name, run in runs.items()
     ],
 ]

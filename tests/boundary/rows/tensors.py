@@ -54,8 +54,10 @@ def of_tensors(kind: Kind, prefix: str, must: Any = "be taken") -> list[Row]:
             lambda x: x.to("meta"),
             must="be refused",
             leaves_out=dict.fromkeys(
-                ("hog", "HOG", "to_layout", "from_layout", "HOGLoss", "compat.opencv"), "shapes alone are a result"
-            ),
+                ("hog", "HOG", "to_layout", "from_layout", "HOGLoss", "compat.opencv", "compat.opencv.score"),
+                "shapes alone are a result",
+            )
+            | {"scale_descriptors": "shapes alone are a result"},
         ),
     ]
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...hog import hog
 from ...hog.spec import Angle
-from ...inputs.arrays import check_values
+from ...inputs.arrays import advise_on_tensor
 from ...runtime.pytorch import in_threads
 from . import arguments
 from .arguments import Locations, Size
@@ -272,7 +272,7 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
 
     Raises:
         TypeError: the images are not a tensor of these dtypes.
-        ValueError: the descriptor has no detector, or images are of another size, or on the device ``meta``.
+        ValueError: the descriptor has no detector, or images are of another size.
 
     >>> from nablahog.compat.opencv import HOGDescriptor, score
     >>> descriptor = HOGDescriptor()
@@ -283,8 +283,8 @@ def score(images: Tensor, descriptor: HOGDescriptor, angle: Angle = "opencv") ->
     torch.Size([2, 3, 128, 64])
     """
     if not isinstance(images, Tensor):
-        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}")
-    check_values("images", images)
+        write = advise_on_tensor("images", images)
+        raise TypeError(f"images must be a torch tensor (B, C, H, W), got {type(images).__name__}{write}")
     width, height = descriptor.winSize
     if images.shape[2:] != (height, width):
         raise ValueError(f"images must be (B, C, {height}, {width}), windows of the descriptor, got {(*images.shape,)}")
