@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from PIL import Image
 
 import nablahog
 from nablahog import presets
@@ -123,3 +124,28 @@ def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused
     refused("invert", path, *out, *preset, "--image-size", "64x48", message="(31, 8, 6) or (8, 6, 31), got (31, 6, 8)")
     refused("invert", photo, *out, "--key", "hog", message="--key goes with arrays of other libraries")
     refused("hog", path, *out, message="expected an image, got a file")
+
+
+def test_parameters_without_a_preset_are_those_of_the_one_that_is_found(
+    tmp_path: Path, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No other preset is spoken of, and what was set stays in what is advised."""
+    image = CHELSEA[:48, :64].mean(2) / 255
+    np.save(tmp_path / "v.npy", nablahog.compat.skimage.hog(image, pixels_per_cell=(4, 4)))
+    command = ["glyph", str(tmp_path / "v.npy"), "-o", str(tmp_path / "g.png"), "--set"]
+    assert main([*command, "pixels_per_cell=4x4"]) == 0
+    assert "--preset skimage --set pixels_per_cell=4x4 --image-size 48x64, because" in capsys.readouterr().err
+    refused(*command, "cell_size=4", message="--set cell_size=4")
+    refused(*command, "orientations=11", message="no preset with orientations=11 makes descriptors of the")
+    refused(*command, "pixels_per_cel=4", message="no preset has a parameter 'pixels_per_cel'; did you mean")
+    Image.fromarray(CHELSEA).save(tmp_path / "cat.png")
+    command[1] = str(tmp_path / "cat.png")
+    refused(
+        *command,
+        "nbins=9",
+        message="has no parameter 'nbins'; maskfeat, opencv have it: expected one of these as --preset",
+    )
+    nablahog.save_descriptor(tmp_path / "d.npz", nablahog.hog(image, "dalal_triggs"), presets.dalal_triggs(), (48, 64))
+    command[1] = str(tmp_path / "d.npz")
+    assert main([*command, "cell_size=8"]) == 0
+    refused(*command, "cell_size=4", message="its cell_size is (8, 8), not (4, 4)")

@@ -19,7 +19,7 @@ from ..io.camera_file import read_camera_file
 from ..io.input_file import InputFile
 from ..pose import PoseEstimate, estimate_pose
 from ..pose.crop import CROP_SIDE, ObjectCrop, check_box, crop_object
-from ..pose.lens import Lens, choose_lens
+from ..pose.lens import Lens, check_camera_size, choose_lens
 from ..pose.model import PreparedModel, azimuth_sweep, fit_to_box, prepared_model
 from ..pose.photograph import PreparedPhotograph
 from ..pose.result import pose_figures, warning
@@ -229,7 +229,7 @@ def read_camera(data: bytes, name: str, query: Mapping[str, str], store: Store) 
     with as_request_error():
         camera = read_camera_file(InputFile(name, data))
         with naming(name):
-            camera.check_size(*store.get(query.get("photo", ""), Photograph).size)
+            check_camera_size(camera, *store.get(query.get("photo", ""), Photograph).size)
     return {"intrinsics": camera.intrinsics, "distortion": camera.distortion}
 
 

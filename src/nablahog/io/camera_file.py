@@ -26,7 +26,6 @@ _MATRICES = ("camera_matrix", "intrinsic_matrix", "K", "k", "mtx", "intrinsics")
 _DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "dist", "distortion", "D", "d")
 _SIZES = (("height", "width"), ("image_height", "image_width"), ("h", "w"))
 _PAIRS = ("image_size", "resolution")  # of sides in any order
-MOST_UNEQUAL_RATIOS = 0.01  # of the heights and of the widths, where a photograph was resized
 _MODELS = ("plumb_bob", "radtan", "opencv", "brown_conrady")  # names of the model of five coefficients
 _EXPECTED = "COLMAP's cameras.txt or JSON with fx, fy, cx, cy or camera_matrix, and maybe dist_coeffs"
 
@@ -43,43 +42,6 @@ class CameraFile(NamedTuple):
     intrinsics: tuple[float, float, float, float]
     distortion: tuple[float, float, float, float, float] | None
     size: tuple[int, int] | None
-
-    def join(self, distortion: object) -> CameraFile:
-        """The camera with a distortion that is known from elsewhere; None for none.
-
-        Raises:
-            ValueError: the file has one, too.
-        """
-        if distortion is None:
-            return self
-        if self.distortion is not None:
-            raise ValueError("the file of `intrinsics` has a distortion: expected no `distortion` beside it")
-        return self._replace(distortion=as_distortion("distortion", distortion))
-
-    def check_size(self, height: int, width: int) -> None:
-        """Raises ValueError, which says what to write, if the file says that its photographs have another size."""
-        if self.size in (None, (height, width)):
-            return
-        assert self.size is not None
-        high, wide = height / self.size[0], width / self.size[1]
-        if self.size == (width, height):
-            write = "turn the photograph as it was taken"
-        elif math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS):
-            fx, fy, cx, cy = self.intrinsics
-            scaled = ",".join(f"{number:g}" for number in (fx * wide, fy * high, cx * wide, cy * high))
-            bent = (
-                "" if self.distortion is None else f" and `distortion`={','.join(map('{:g}'.format, self.distortion))}"
-            )
-            write = f"if the photograph was made smaller or larger as a whole, write `intrinsics`={scaled}{bent}"
-        else:
-            write = (
-                "of a photograph that was cut, write `intrinsics` as fx,fy,cx,cy, with what was cut off at the left "
-                "subtracted from cx, and at the top from cy"
-            )
-        raise ValueError(
-            f"`intrinsics` is for photographs of {self.size[0]}x{self.size[1]} pixels (height x width), got "
-            f"{height}x{width}: {write}"
-        )
 
 
 def read_camera_file(path: Readable) -> CameraFile:

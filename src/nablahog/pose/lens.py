@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,13 +10,15 @@ from functools import cached_property
 from torch import Tensor
 
 from ..inputs.boxes import Box
-from ..inputs.cameras import PhotographCamera, as_camera
+from ..inputs.cameras import PhotographCamera, as_camera, as_distortion
 from ..io.camera_file import CameraFile, read_camera_file
 from ..io.input_file import InputFile
 from ..render import Camera
 from ..render.lens import IdealCamera
 from .options import FocalSource
 from .result import PoseEstimate
+
+MOST_UNEQUAL_RATIOS = 0.01  # of the heights and of the widths, where a photograph was resized
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +110,47 @@ def choose_lens(
     if isinstance(intrinsics, str | os.PathLike | InputFile):
         intrinsics = read_camera_file(intrinsics)
     if isinstance(intrinsics, CameraFile):
-        calibrated = intrinsics.join(distortion)
-        calibrated.check_size(*size)
+        calibrated = join_distortion(intrinsics, distortion)
+        check_camera_size(calibrated, *size)
         intrinsics, distortion = calibrated.intrinsics, calibrated.distortion
     camera = as_camera(*size, focal, principal_point, intrinsics, distortion)
     return Lens(camera, "assumed" if camera is None else source)
+
+
+def join_distortion(camera: CameraFile, distortion: object) -> CameraFile:
+    """The camera of a file with a distortion that is known from elsewhere; None for none.
+
+    Raises:
+        ValueError: the file has one, too.
+    """
+    if distortion is None:
+        return camera
+    if camera.distortion is not None:
+        raise ValueError("the file of `intrinsics` has a distortion: expected no `distortion` beside it")
+    return camera._replace(distortion=as_distortion("distortion", distortion))
+
+
+def check_camera_size(camera: CameraFile, height: int, width: int) -> None:
+    """Raises ValueError, which says what to write, if a camera's file is for photographs of another size."""
+    if camera.size in (None, (height, width)):
+        return
+    assert camera.size is not None
+    high, wide = height / camera.size[0], width / camera.size[1]
+    if camera.size == (width, height):
+        write = "turn the photograph as it was taken"
+    elif math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS):
+        fx, fy, cx, cy = camera.intrinsics
+        scaled = ",".join(f"{number:g}" for number in (fx * wide, fy * high, cx * wide, cy * high))
+        bent = (
+            "" if camera.distortion is None else f" and `distortion`={','.join(map('{:g}'.format, camera.distortion))}"
+        )
+        write = f"if the photograph was made smaller or larger as a whole, write `intrinsics`={scaled}{bent}"
+    else:
+        write = (
+            "of a photograph that was cut, write `intrinsics` as fx,fy,cx,cy, with what was cut off at the left "
+            "subtracted from cx, and at the top from cy"
+        )
+    raise ValueError(
+        f"`intrinsics` is for photographs of {camera.size[0]}x{camera.size[1]} pixels (height x width), got "
+        f"{height}x{width}: {write}"
+    )

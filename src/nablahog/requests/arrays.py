@@ -18,7 +18,7 @@ from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
-from .dialect import PRESETS, Dialect, as_text, opencv_window_size, other_defaults, preset_defaults
+from .dialect import as_text, opencv_window_size, other_defaults, preset_defaults, presets_with
 from .inversion import GlyphRequest
 
 Size: TypeAlias = tuple[int, int]
@@ -67,6 +67,9 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
     else:
         refusal = InputError("an array does not say which library it is from", "preset")
     found = _which(array, request)
+    if request.preset is None and request.settings and not found.candidates:
+        asked = ", ".join(f"{key}={value}" for key, value in request.settings.items())
+        raise InputError(f"no preset with {asked} makes descriptors of the shape {array.shape}", "descriptor")
     if not found.decided_by:
         raise refusal
     first = found.candidates[0]
@@ -80,12 +83,8 @@ def _which(array: NDArray[np.floating], request: GlyphRequest) -> WhichHOG:
 
 def _dialects(request: GlyphRequest) -> dict[str, Mapping[str, Any]]:
     """The presets that were asked for, or all that have the parameters that are set, with these."""
-    dialects: dict[str, Mapping[str, Any]] = {}
-    for name in [request.preset] if request.preset else PRESETS:
-        with suppress(ValueError):
-            parameters = Dialect(preset=name, settings=request.settings).parameters()
-            dialects[name] = {**other_defaults(name), **parameters}
-    return dialects
+    asked = {request.preset: request.parameters()} if request.preset else presets_with(request.settings)
+    return {name: {**other_defaults(name), **parameters} for name, parameters in asked.items()}
 
 
 def complete(request: GlyphRequest, candidate: Candidate, shape: tuple[int, ...]) -> GlyphRequest:
@@ -135,7 +134,7 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
         yield
     except ValueError as error:
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
-        asked = request if about == "image size" else replace(request, preset=None, settings={})
+        asked = request if about in ("image size", "preset") else replace(request, preset=None, settings={})
         facts = {"shape": array.shape, "fitting": suggest(array, asked), "weights": bool(np.mean(array < 0) > NEGATIVE)}
         raise InputError(str(error), about, facts) from None
 

@@ -109,6 +109,15 @@ def make_spec(name: str, parameters: Mapping[str, Any]) -> HOGSpec:
         raise ValueError(f"{name} with {options}: {error}" if options else str(error)) from None
 
 
+def presets_with(settings: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """The presets that have all of these parameters, with their values."""
+    presets: dict[str, dict[str, Any]] = {}
+    for name in PRESETS:
+        with suppress(ValueError):
+            presets[name] = Dialect(preset=name, settings=settings).parameters()
+    return presets
+
+
 @dataclass(frozen=True)
 class Dialect:
     """The kind of a descriptor."""
@@ -127,6 +136,9 @@ class Dialect:
     def __post_init__(self) -> None:
         if self.preset is not None and self.preset not in PRESETS:
             raise ValueError(f"there is no preset {self.preset!r}; there are {', '.join(PRESETS)}")
+        self._check_settings()
+
+    def _check_settings(self) -> None:
         _ = self.spec
 
     @property
@@ -139,13 +151,26 @@ class Dialect:
         hints, parameters = preset_parameters(self.name), {}
         for key, text in self.settings.items():
             if key not in hints:
-                meant = did_you_mean(key, hints)
-                raise ValueError(f"{self.name} has no parameter {key!r}; it has {', '.join(hints)}{meant}")
+                raise ValueError(self._refuse_parameter(key))
             try:
                 parameters[key] = parse_value(text, hints[key])
             except ValueError as error:
                 raise ValueError(f"{key}: {error}") from None
         return parameters
+
+    def _refuse_parameter(self, key: str) -> str:
+        """A sentence about a parameter that the preset has not; without a preset, it says which have it."""
+        own = preset_parameters(self.name)
+        having = [name for name in PRESETS if key in preset_parameters(name)]
+        if self.preset is not None:
+            return f"{self.name} has no parameter {key!r}; it has {', '.join(own)}{did_you_mean(key, own)}"
+        if having:
+            return (
+                f"{self.name}, which is meant without `preset`, has no parameter {key!r}; {', '.join(having)} "
+                f"{'has' if len(having) == 1 else 'have'} it: expected one of these as `preset`"
+            )
+        every = {parameter for name in PRESETS for parameter in preset_parameters(name)}
+        return f"no preset has a parameter {key!r}{did_you_mean(key, every)}"
 
     @cached_property
     def spec(self) -> HOGSpec:
@@ -162,6 +187,9 @@ class Dialect:
         """Raises ValueError if ``spec``, of a descriptor file, contradicts what was asked for."""
         if self.preset is None and not self.settings:
             return
+        preset = spec.name.replace("-", "_")
+        if self.preset is None and preset in PRESETS:  # the parameters are those of its preset
+            return Dialect(preset=preset, settings=self.settings).check(spec)
         compared = [
             field.name
             for field in dataclasses.fields(self.spec)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..hog import HOGSpec
 from ..invert.choices import InversionMethod, QualityName
-from .dialect import Dialect
+from .dialect import Dialect, presets_with
 from .options import SIZE, TEXT, integer, keywords, option, path
 
 if TYPE_CHECKING:
@@ -44,6 +44,11 @@ class GlyphRequest(HogRequest):
     )
     row: int | None = option(None, "the row of a matrix of descriptors, counted from 0; all by default", integer(0))
     key: str | None = option(None, "name of the array, if the file holds several", TEXT)
+
+    def _check_settings(self) -> None:
+        """Without a preset, an array may be of any that has these parameters."""
+        if self.preset is not None or not presets_with(self.settings):
+            super()._check_settings()
 
 
 @dataclass(frozen=True, kw_only=True)

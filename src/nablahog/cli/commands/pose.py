@@ -22,7 +22,7 @@ from ...jobs.store import JobResult, digest, do_all, make_key
 from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
 from ...pose.crop import apply_mask
-from ...pose.lens import Lens, choose_lens
+from ...pose.lens import Lens, choose_lens, join_distortion
 from ...pose.result import pose_figures
 from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
@@ -83,7 +83,7 @@ def _read_camera(request: PoseRequest) -> PoseRequest:
     """The request with what its camera's file says in place of the file's name."""
     if not isinstance(request.intrinsics, str):
         return request
-    camera = read_camera_file(request.intrinsics).join(request.distortion)
+    camera = join_distortion(read_camera_file(request.intrinsics), request.distortion)
     return replace(request, intrinsics=camera, distortion=None)
 
 
