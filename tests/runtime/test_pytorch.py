@@ -11,7 +11,7 @@ import time
 import pytest
 import torch
 
-from nablahog.runtime.pytorch import in_threads, run_in_threads, seeded
+from nablahog.runtime.pytorch import _one_thread, in_threads, run_in_threads, seeded
 
 
 def test_results_come_in_order(two_threads: None) -> None:
@@ -42,6 +42,25 @@ def test_the_caller_takes_a_part(two_threads: None) -> None:
     run_in_threads(work, 8)
     assert threading.current_thread() in result
     assert len(set(result)) == 2
+
+
+def test_new_threads_have_as_many_as_before_while_the_pool_starts(two_threads: None) -> None:
+    numbers = []
+
+    def count() -> None:
+        numbers.append(torch.get_num_threads())
+
+    def start() -> None:
+        _one_thread()
+        other = threading.Thread(target=count)
+        other.start()
+        other.join()
+        count()
+
+    thread = threading.Thread(target=start)
+    thread.start()
+    thread.join()
+    assert numbers == [2, 1]
 
 
 @pytest.mark.parametrize("bad", [0, 7], ids=["the caller's part", "another part"])

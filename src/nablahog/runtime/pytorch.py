@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
+from ctypes import CDLL
 from functools import cache, lru_cache, wraps
 from itertools import pairwise
 from typing import Any, ParamSpec, TypeVar
@@ -58,13 +59,29 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     pool = ThreadPoolExecutor(threads, "nablahog", initializer=_one_thread)
     started = threading.Barrier(threads)
     list(pool.map(lambda _: started.wait(), range(threads)))
-    torch.set_num_threads(threads)  # the pool's threads have changed the part of the setting that is global
+    if not _thread_settings():
+        torch.set_num_threads(threads)  # the pool's threads have changed the part of the setting that is global
     return pool
 
 
 def _one_thread() -> None:
     torch.get_num_threads()  # its first call in a thread sets the number to the global one
-    torch.set_num_threads(1)
+    for set_number in _thread_settings() or (torch.set_num_threads,):
+        set_number(1)
+
+
+@cache
+def _thread_settings() -> tuple[Callable[[int], object], ...]:
+    """What sets the number of threads for the calling thread alone, in the libraries that PyTorch computes with.
+
+    ``torch.set_num_threads`` sets that of all new threads, too.  Empty if a build of PyTorch has no such functions.
+    """
+    names = ["omp_set_num_threads", *["MKL_Set_Num_Threads_Local"] * torch._C.has_mkl]
+    try:
+        library = CDLL(torch._C.__file__)  # whose functions include those of all libraries that it is linked with
+        return tuple(getattr(library, name) for name in names) if torch._C.has_openmp else ()
+    except (OSError, AttributeError):
+        return ()
 
 
 def _after_fork() -> None:
