@@ -135,6 +135,20 @@ def test_ascent_on_a_jagged_quadratic() -> None:
     assert torch.equal(again, result)
 
 
+def test_a_far_top_is_reached_by_repeats_alone() -> None:
+    away = torch.tensor([9.0, 0, 0, 0, 0, 0], dtype=torch.float64)
+    left = []
+    for repeats in (0, 8):
+        top, similarity = quadratic(START + away * UNITS)
+        pose, _ = quadratic_ascent(
+            similarity, START, ascent.SCHEDULE, torch.Generator().manual_seed(3), repeats=repeats
+        )
+        left.append(float(((pose - START) / UNITS - away).norm()))
+        most = sum(round_.samples for round_ in ascent.SCHEDULE) + 4 * repeats
+        assert top.samples <= most
+    assert left[0] > 2 > 0.1 > left[1]
+
+
 def test_momentums_first_steps_by_hand() -> None:
     _, similarity = quadratic(START + torch.tensor([2.0, 1, -1, 0, 0, 0]).double() * UNITS)
     start = START[None]

@@ -48,7 +48,7 @@ def test_a_clean_rendering(azimuth: float) -> None:
     assert estimate.similarity_kind == "calibrated"
     assert estimate.renderings > 100
     (trace,) = [trace for trace in estimate.traces if trace.azimuths[-1] % 360 == estimate.azimuth]
-    assert len(trace.azimuths) == 3  # a view all around, tilted, and the maximum
+    assert len(trace.azimuths) == 4  # a view all around, the ends of a coarse and a short ascent, and the maximum
     assert list(trace.similarities) == sorted(trace.similarities)
 
 

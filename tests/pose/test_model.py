@@ -27,17 +27,18 @@ from nablahog.pose.model import (
     level_poses,
     local_maxima,
     prepared_model,
+    reverse_depth,
     view_descriptors,
 )
 from nablahog.pose.photograph import ELEMENT, ELEMENTS, PreparedPhotograph
 from nablahog.pose.similarity import describe
-from nablahog.render import Camera, Mesh
+from nablahog.render import Camera, Mesh, pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 
 from ..chairs import chair
 from ..render.shapes import box as cuboid
 from ..render.shapes import cylinder
-from .common import columns, degrees_between, model, photographed
+from .common import columns, degrees_between, model, overlap, photographed
 
 CAMERA = Camera(400.0, 128, 160)
 
@@ -103,6 +104,16 @@ def test_of_flat_meshes_all_corners_count(corners: int) -> None:
     assert_close(convex_hull(flat), torch.tensor([[-half, 0, -half], [-half, 0, half], [half, 0, -half]]).double())
     edge_on = torch.tensor([[90.0, 0, 3, 0, 0, 0]], dtype=torch.float64)
     assert torch.isfinite(fit_to_box(edge_on, convex_hull(flat), CAMERA, (100.0, 50.0))).all()
+
+
+def test_a_pose_with_reversed_depth_has_the_same_outline_from_far_away() -> None:
+    far = Camera(40 * 110.0, 128, 128)
+    (seen_from,) = pose(70, 20, 40, 25, 3, -2)
+    reversed_pose = reverse_depth(seen_from)
+    turned = seen_from.clone()
+    turned[0] = reversed_pose[0]
+    outline, same, other = (silhouette(model(), at[None], far)[0, 0] > 0.5 for at in (seen_from, reversed_pose, turned))
+    assert overlap(outline, same) > 0.95 > 0.8 > overlap(outline, other)
 
 
 def test_distances_go_round() -> None:

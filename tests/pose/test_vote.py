@@ -101,7 +101,7 @@ def test_a_pose_that_fits_better_counts_more() -> None:
 
 
 def promising(azimuths: list[float], similarities: list[float], penalty: list[float] | None = None) -> list[float]:
-    return [one.azimuth for one in select_promising(poses(azimuths, similarities, penalty=penalty), 3)]
+    return [one.azimuth for one in select_promising(poses(azimuths, similarities, penalty=penalty), 3, 0.7)]
 
 
 def test_promising_poses_differ_and_are_nearly_as_good_as_the_best() -> None:
@@ -116,6 +116,13 @@ def test_poses_of_one_side_that_are_tilted_otherwise_differ() -> None:
     upright, tilted = poses([0, 5], [5.0, 4.9])
     tilted.pose[3] = 20
     assert select_promising([upright, tilted], 2) == [upright, tilted]
+
+
+def test_from_straight_above_azimuth_and_tilt_are_the_same_rotation() -> None:
+    views = poses([0, 30, 30], [5.0, 4.9, 4.8])
+    for view, tilt in zip(views, (0, 30, -30), strict=True):
+        view.pose[1], view.pose[3] = 90, tilt
+    assert len(select_promising(views, 3)) == 2  # one of the tilts undoes the turn; the other doubles it
 
 
 def test_runners_up_look_from_elsewhere() -> None:

@@ -33,6 +33,7 @@ _SLOPE_WEIGHTS = 1 / np.square([0.94, 0.93, 0.64, 1.5, 1.15, 1.0])  # weights of
 _STIFFNESS = 0.05  # weight of a prior of 0 on second derivatives, relative to that of a derivative
 _FLATTEST = 0.15  # smallest curvature along an axis, as a fraction of the largest
 _LONGEST_STEP = 2.0  # longest step, in spreads
+_FAR_STEP = 0.99 * _LONGEST_STEP  # a step that was cut: the maximum may be farther
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +83,8 @@ def quadratic_ascent(
     generator: torch.Generator,
     visit: Callable[[Tensor], None] = lambda pose: None,
     bounded: Callable[[Tensor], Tensor] = lambda poses: poses,
+    *,
+    repeats: int = 0,
 ) -> Maximum:
     """The maximum of a quadratic that is fitted again after each round of samples.
 
@@ -96,11 +99,15 @@ def quadratic_ascent(
         generator: of the directions.
         visit: called with the pose (6,) after each round.
         bounded: moves poses (N, 6) into the range allowed.
+        repeats: how often, at most, rounds with slopes are done again because their step was cut.
     """
-    directions = _draw_directions(sum(round_.samples for round_ in rounds) // 2, generator)
+    most = sum(round_.samples for round_ in rounds) + repeats * max(round_.samples for round_ in rounds)
+    directions = _draw_directions(most // 2, generator)
     poses, samples = pose.new_empty(0, len(pose)), pose.new_empty(0, 1 + len(pose))
     hessian = pose.new_zeros(len(pose), len(pose))
-    for count, spread, slopes in rounds:
+    pending = list(rounds)
+    while pending:
+        count, spread, slopes = pending[0]
         unit = spread * UNITS
         half, directions = directions[: count // 2], directions[count // 2 :]
         sampled = pose + torch.cat([half, -half]) * unit
@@ -112,6 +119,10 @@ def quadratic_ascent(
         pose, hessian = pose + unit * offset, curvature / torch.outer(unit, unit)
         pose = bounded(pose[None])[0]
         visit(pose)
+        if slopes and repeats and float(offset.norm()) > _FAR_STEP:
+            repeats -= 1
+        else:
+            pending.pop(0)
     return Maximum(pose, hessian)
 
 

@@ -21,6 +21,7 @@ from .model import (
     equidistant_azimuths,
     equivalent_azimuths,
     local_maxima,
+    reverse_depth,
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
@@ -45,12 +46,14 @@ from .vote import (
 )
 
 VOTERS = 36  # views of several models that are tilted and ascended from, inside the box and again around it
-VOTING_SCHEDULE = SCHEDULE[:2]  # rounds of their ascents, enough to tell which side of the object they see
+SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which side of the object a pose sees
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
 _VIEW_MAXIMA = 4  # local maxima of a model's views, at most, from which a search goes on
-_OTHER_VIEWS = 6  # of a single model, of another box or tilted: the right one is nearly always among them
-_FINE_STARTS = 3  # poses of a single model, at most, from which fine ascents start
+_OTHER_VIEWS = 8  # of a single model, of another box or tilted: the right one is nearly always among them
+_SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
+_FULL_ASCENTS, _SHORT_SHARE = 2, 0.8  # most full ones, from the best ends of these; shares are of the best score
+_REPEATS = 2  # of rounds of a full ascent that ended far away
 COARSE_SCHEDULE = Round(4, 1.0, slopes=True), Round(4, 0.8, slopes=True)  # of ascents from views of a single model
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
 # coarse similarities near views that fill the given box, from which on no other boxes are searched
@@ -85,15 +88,19 @@ class BestSearch:
 
     def choose_best(self, climbed: Sequence[Hypothesis]) -> PoseEstimate:
         """The best pose of a single model, or of a similarity for which there is no vote."""
-        chosen = select_promising(climbed, _FINE_STARTS)
-        refined = self.ascend(chosen)
-        best = max(refined, key=lambda hypothesis: hypothesis.score)
-        traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in chosen)]
+        starts = select_promising(climbed, _SHORT_ASCENTS, _CLIMBED_SHARE)
+        short = self.ascend(starts, SHORT_SCHEDULE)
+        short += self.ascend(self._start_reversed(max(short, key=lambda hypothesis: hypothesis.score)), SHORT_SCHEDULE)
+        chosen = select_promising(short, _FULL_ASCENTS, _SHORT_SHARE)
+        ended = self.ascend(chosen, repeats=_REPEATS)
+        best = max(ended, key=lambda hypothesis: hypothesis.score)
+        refined = [*ended, *(hypothesis for hypothesis in short if hypothesis not in chosen)]
+        traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in starts)]
         return self._estimate(best, traced, compare_shares(best, refined, climbed), agreement=1.0)
 
     def choose_by_vote(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
         """The side on which poses of several models agree, and the best of these."""
-        voters = self.ascend(tilted, VOTING_SCHEDULE)
+        voters = self.ascend(tilted, SHORT_SCHEDULE)
         (on_side, share), *other_sides = vote(voters, _VOTED_SIDES, self.weigh_azimuths(voters))
         chosen = on_side[:_AVERAGED]
         ascended = self.ascend(chosen)
@@ -151,12 +158,12 @@ class BestSearch:
         return in_threads(lambda k: self._tilt(views[k], similarities[k]), len(views))
 
     def ascend(
-        self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE, *, fine: bool = True
+        self, starts: Sequence[Hypothesis], rounds: Sequence[Round] = SCHEDULE, *, fine: bool = True, repeats: int = 0
     ) -> list[Hypothesis]:
         """The highest similarity near each start, of any models, by rounds of quadratic ascents."""
         similarities = [self._similarity(start, fine=fine) for start in starts]
         seeds = torch.randint(2**62, (len(starts),), generator=self.problem.generator).tolist()
-        return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k]), len(starts))
+        return in_threads(lambda k: self._ascend(starts[k], similarities[k], rounds, seeds[k], repeats), len(starts))
 
     @cached_property
     def _prior(self) -> ViewpointPrior | None:
@@ -255,6 +262,14 @@ class BestSearch:
         self._watch(hypothesis, pose)
         return hypothesis
 
+    def _start_reversed(self, hypothesis: Hypothesis) -> list[Hypothesis]:
+        """A start at the pose with reversed depth, if its azimuth is allowed."""
+        pose = reverse_depth(hypothesis.pose)
+        if not torch.equal(self.problem.limit_azimuths(pose[None])[0], pose):
+            return []
+        value = float(self._similarity(hypothesis).values(pose[None]))
+        return [self._start(value, hypothesis.model, pose, hypothesis.photograph, hypothesis.place)]
+
     def _tilt(self, view: Hypothesis, coarse: Similarity) -> Hypothesis:
         poses = view.pose.repeat(len(_TILTS) * len(_TURNS), 1)
         turns, tilts = (torch.tensor(angles, dtype=poses.dtype) for angles in (_TURNS, _TILTS))
@@ -267,10 +282,12 @@ class BestSearch:
         self._watch(view, pose)
         return view.move(pose, value, value, float(penalties[best]))
 
-    def _ascend(self, start: Hypothesis, similarity: Similarity, rounds: Sequence[Round], seed: int) -> Hypothesis:
-        generator = torch.Generator().manual_seed(seed)
+    def _ascend(
+        self, start: Hypothesis, similarity: Similarity, rounds: Sequence[Round], seed: int, repeats: int
+    ) -> Hypothesis:
+        generator, limit = torch.Generator().manual_seed(seed), self.problem.limit_azimuths
         watch = partial(self._watch, start)
-        pose, hessian = quadratic_ascent(similarity, start.pose, rounds, generator, watch, self.problem.limit_azimuths)
+        pose, hessian = quadratic_ascent(similarity, start.pose, rounds, generator, watch, limit, repeats=repeats)
         value = float(similarity.values(pose[None]))
         climbing = similarity.template is start.photograph.template(self.problem.similarity)  # the coarse one itself
         coarse = value if climbing else float(self._similarity(start).values(pose[None]))

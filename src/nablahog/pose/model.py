@@ -194,9 +194,31 @@ def azimuth_sweep(pose: Tensor, views: int) -> Tensor:
     return poses
 
 
+def reverse_depth(pose: Tensor) -> Tensor:
+    """The pose (6,) from which an object with equal left and right has nearly the same outline, near and far exchanged.
+
+    From far away the outline is the same, as of Necker's cube: only edges inside tell the two apart.
+    """
+    reversed_pose = pose.clone()
+    reversed_pose[:2] = torch.stack([180 - pose[0], -pose[1]])
+    return reversed_pose
+
+
 def azimuth_distance(first: float, second: float) -> float:
     """Degrees between azimuths, in 0…180."""
     return abs((first - second + 180) % 360 - 180)
+
+
+def select_different(poses: Tensor, apart: float, count: int) -> list[int]:
+    """Indices of at most ``count`` of the poses (N, 6) whose rotations are over ``apart`` degrees from earlier ones."""
+    turned = rotation_matrices(poses.double().numpy()).reshape(len(poses), 9)
+    cosines = ((turned @ turned.T - 1) / 2).clip(-1, 1)
+    near = np.degrees(np.arccos(cosines)) <= apart
+    chosen: list[int] = []
+    for k in range(len(poses)):
+        if len(chosen) < count and not near[k, chosen].any():
+            chosen.append(k)
+    return chosen
 
 
 def signed_angles(angles: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ from .model import (
     equidistant_azimuths,
     fit_to_box,
     level_poses,
+    select_different,
     tilt_views,
     view_descriptors,
 )
@@ -50,6 +51,8 @@ ROUGH = Reach(2, 3)  # of a box that someone gave
 FOUND = Reach(1, 2)  # of one that :func:`.detection.find_boxes` found
 # penalty, as a fraction of the similarity, for a view of twice the box's size or half a side beside it
 _OFFSET_PENALTY = 0.05
+_SAME_VIEW = 15.0  # degrees: of views whose rotations are closer only the best counts
+_CANDIDATES = 3  # times as many views are looked at, because some are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +134,17 @@ def find_views(
     highest = best >= functional.max_pool3d(beside, 3, stride=1)[0, 0].permute(1, 0, 2)
     chosen = (highest & best.isfinite()).flatten().nonzero()[:, 0]
     values, order = best.flatten()[chosen].sort(descending=True)
-    chosen = chosen[order[:count]]
+    chosen = chosen[order[: _CANDIDATES * count]]
     elevation, azimuth = chosen // (VIEW_COUNT * len(tilts)), chosen // len(tilts) % VIEW_COUNT
-    scale, tilt, centre = (part[at.flatten()[chosen]] for part in (around.scales, around.tilts, around.centres))
     seen_from = torch.tensor(elevations, dtype=torch.float64)[elevation]
-    poses = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], seen_from)
+    poses, place = level_poses(equidistant_azimuths(VIEW_COUNT)[azimuth], seen_from), at.flatten()[chosen]
+    rotated = torch.cat([poses[:, :3], around.tilts[place, None], poses[:, 4:]], 1)
+    different = select_different(rotated, _SAME_VIEW, count)  # seen from above, a turn and a tilt are one rotation
+    poses, place = poses[different], place[different]
+    scale, tilt, centre = (part[place] for part in (around.scales, around.tilts, around.centres))
     poses = tilt_views(fit_to_box(poses, model.hull, photograph.crop.camera, CROP_FILL * scale), tilt)
     poses[:, 4:] += centre
-    return poses, values[:count]
+    return poses, values[different]
 
 
 def centre_coordinates(counts: Sequence[int], spacing: float = 1.0) -> list[Tensor]:

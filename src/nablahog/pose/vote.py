@@ -29,6 +29,7 @@ from .model import (
     forget_views,
     level_poses,
     looks_same_all_around,
+    select_different,
     signed_angles,
     view_descriptors,
 )
@@ -41,8 +42,7 @@ _COARSE_WEIGHT = (
 )
 _VOTE_SCALE = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _VOTE_BLUR = 12.0  # degrees
-_SAME_POSE = 12.0  # degrees: of poses whose angles are closer only the best is tried
-_PROMISING_SHARE = 0.7  # of the best coarse similarity: poses above it may still turn out to be the best
+_SAME_POSE = 12.0  # degrees: of poses whose rotations are closer only the best is tried
 # the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
 KNOWN_MODEL = -14.35, 7.34, -0.88, 0.0  # of a single model
 UNKNOWN_MODEL = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
@@ -163,15 +163,13 @@ def sort_by_score(poses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return sorted(poses, key=lambda hypothesis: -hypothesis.score)
 
 
-def select_promising(poses: Sequence[Hypothesis], count: int) -> list[Hypothesis]:
-    """At most ``count`` different poses that are nearly as good as the best: front and back look much alike."""
-    chosen: list[Hypothesis] = []
-    for hypothesis in sort_by_score(poses):
-        angles = hypothesis.pose[[0, 1, 3]]
-        if all(float(signed_angles(angles - other.pose[[0, 1, 3]]).abs().max()) > _SAME_POSE for other in chosen):
-            chosen.append(hypothesis)
-    least = chosen[0].score - (1 - _PROMISING_SHARE) * abs(chosen[0].score)
-    return [hypothesis for hypothesis in chosen[:count] if hypothesis.score >= least]
+def select_promising(poses: Sequence[Hypothesis], count: int, share: float = 0.0) -> list[Hypothesis]:
+    """At most ``count`` poses of different rotations, the best first, that have this share of the best one's score."""
+    ranked = sort_by_score(poses)
+    least = ranked[0].score - (1 - share) * abs(ranked[0].score)
+    good = [hypothesis for hypothesis in ranked if hypothesis.score >= least]
+    different = select_different(torch.stack([hypothesis.pose for hypothesis in good]), _SAME_POSE, count)
+    return [good[k] for k in different]
 
 
 def select_other_sides(
