@@ -50,9 +50,9 @@ SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which s
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SAME_BOX = 0.85  # intersection over union from which on a view fills the box that was given
 _VIEW_MAXIMA = 4  # local maxima of a model's views, at most, from which a search goes on
-_OTHER_VIEWS = 8  # of a single model, of another box or tilted: the right one is nearly always among them
+_OTHER_VIEWS = 6  # of a single model, of another box or tilted: the right one is nearly always among them
 _SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
-_FULL_ASCENTS, _SHORT_SHARE = 2, 0.8  # most full ones, from the best ends of these; shares are of the best score
+_FULL_ASCENTS, _SHORT_SHARE = 2, 0.9  # most full ones, from the best ends of these; shares are of the best score
 _REPEATS = 2  # of rounds of a full ascent that ended far away
 COARSE_SCHEDULE = Round(4, 1.0, slopes=True), Round(4, 0.8, slopes=True)  # of ascents from views of a single model
 _TURNS, _TILTS = (-5.0, 0.0, 5.0), (-10.0, -5.0, 0.0, 5.0, 10.0)  # degrees of azimuth and in the image plane
