@@ -14,6 +14,7 @@ from torch import Tensor
 from docs.preset_tables import SPECS
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.layout import native_shape
+from nablahog.hog.normalizers.unclip import unclip, unclip_exactly
 
 TEXT = (Path(__file__).parents[2] / "docs" / "which_hog.md").read_text(encoding="utf-8")
 TWO_BY_TWO = presets.skimage(cells_per_block=(2, 2))
@@ -106,3 +107,14 @@ def test_opencv_takes_channels_in_its_order(gamma: bool) -> None:
     assert abs(hog(bgr, spec, layout="native").ravel() - theirs).max() < 1e-6
     other = abs(hog(rgb, spec, layout="native").ravel() - theirs).max()
     assert 0 <= other < 0.1
+
+
+def test_cells_that_have_settled_are_left_out_of_later_rounds() -> None:
+    """What is found is that of all rounds for all cells; cells of two images, in several parts."""
+    generator = torch.Generator().manual_seed(0)
+    histograms = torch.rand(2, 18, 9, 70, generator=generator, dtype=torch.float64).square()
+    clipped = (histograms[:, None] * (0.3 + torch.rand(2, 4, 1, 9, 70, generator=generator))).clamp(max=0.2)
+    summed, totals = clipped.sum(1) / 2, clipped.sum(2)
+    for exact, expected in zip(unclip_exactly(summed, totals, 0.2, 60), unclip(summed, totals, 0.2, 60), strict=True):
+        assert exact.shape == expected.shape
+        torch.testing.assert_close(exact, expected, rtol=1e-9, atol=1e-9)

@@ -14,6 +14,7 @@ from ..hog.steps import split_colours
 from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
+from ..runtime.pytorch import in_threads
 from .candidates import Candidate, Parameters, fit_shape
 from .preimage import reconstruct
 
@@ -128,7 +129,8 @@ Checked = tuple[list[Candidate], list[Candidate], str]
 def _check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
     """Leaves those of which most identities of their normalisers hold, and none fails."""
     precision = np.finfo(np.float16 if array.dtype == np.float16 else np.float32).eps
-    checks = [_identities_that_hold(array, candidate, ROUNDING * float(precision)) for candidate in candidates]
+    tolerance = ROUNDING * float(precision)
+    checks = in_threads(lambda k: _identities_that_hold(array, candidates[k], tolerance), len(candidates))
     possible = [
         (candidate, holding) for candidate, holding in zip(candidates, checks, strict=True) if holding is not None
     ]

@@ -216,7 +216,7 @@ export class SourceChooser extends EventTarget {
    * @param {question.Answers} answers
    */
   async #describe(file, answers) {
-    const result = await this.#newest.run(`Sending ${file.name}`, async (signal) => {
+    const result = await this.#newest.run(`Sending ${file.name}, and finding out which HOG it is`, async (signal) => {
       try {
         return await postFile("api/descriptors", { name: file.name, ...answers }, file, signal);
       } catch (error) {

@@ -10,7 +10,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias, get_args
 
 from .base import Footprint, Identity, Normalizer, clipped, proportion_errors, root
-from .unclip import sum_over_blocks, unclip
+from .unclip import sum_over_blocks, unclip_exactly
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -215,7 +215,7 @@ class FourBlockNorm(Normalizer):
         """Σ over the cells of a block of ‖h‖² / N² = 1, where no cell's entry is clipped in all four blocks."""
         import torch
 
-        shares, ratios, known = unclip(summed, totals, self.clip, UNCLIP_ROUNDS)
+        shares, ratios, known = unclip_exactly(summed, totals, self.clip, UNCLIP_ROUNDS)
         entries = (shares * ratios).clamp(max=self.clip)
         solved = (entries.sum(dim=2) - totals).abs().amax(dim=1) + (entries.sum(dim=1) / 2 - summed).abs().amax(dim=1)
         exact = (solved < tolerance) & (summed < 2 * self.clip - tolerance).all(dim=1) & known.all(dim=1).squeeze(1)
