@@ -1,12 +1,10 @@
-"""Is a confidence the share that is right: of the learned prior in the polarity, and of a pose?
+"""Is the confidence of the learned prior in the polarity the share that is right?
 
-    python benchmarks/calibration.py polarity [--images DIR …] [--every N]
-    python benchmarks/calibration.py poses [--unknown-model] [--conditions …] [--unrelated 60] [options of poses.py]
+    python benchmarks/calibration.py [--images DIR …] [--every N]
 
-Polarity: each photograph is inverted from the descriptors of three unsigned presets, and by multi-scale-more; a
-pre-image is right if its correlation with the photograph is positive.  Below is how the agreement of four samples goes
-with the magnitude of that correlation.  Poses: of objects under several conditions, and of boxes without any object,
-whose poses are all wrong; right is a rotation within 15°.
+Each photograph is inverted from the descriptors of three unsigned presets, and by multi-scale-more; a pre-image is
+right if its correlation with the photograph is positive.  Below is how the agreement of four samples goes with the
+magnitude of that correlation.
 
 The table has the share that is right by confidence, with the 95 % interval of Wilson.  Brier's score is the mean square
 of confidence minus right; 0.25 is that of a coin.
@@ -26,17 +24,12 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from torch import Tensor
 
-from nablahog import estimate_pose, hog, metrics, presets, reconstruct, reconstruct_multiscale
+from nablahog import hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import reconstruct_samples, scale_descriptors
-from nablahog.io.images import SAMPLE_NAMES, sample_photograph
-from nablahog.metrics import rotation_error
-from poses import WITHIN, add_options, estimate, objects_of
 from preimages import photographs
 from timing import table
 
 BATCH = 16
-SMALLEST = 100  # pixels of a side of a box without the object
-CONDITIONS = ("", "sides-10", "cut-30", "no-box", "tilted")  # the first is none
 Floats = NDArray[np.float64]
 
 
@@ -57,7 +50,7 @@ def calibrated(sure: Floats, right: Floats, edges: Sequence[float]) -> str:
         if n:
             a, b = wilson(right[members].sum(), n)
             share = f"{right[members].mean():.3f} ({a:.3f}–{b:.3f})"
-            rows.append([f"{low:.1f}…{high:.1f}", str(n), f"{sure[members].mean():.3f}", share])
+            rows.append([f"{low:g}…{high:g}", str(n), f"{sure[members].mean():.3f}", share])
     brier, constant = np.mean((sure - right) ** 2), right.mean() * (1 - right.mean())
     told = f"Brier's score {brier:.3f}; of the share that is right {constant:.3f}"
     return f"{table(['confidence', 'n', 'mean', 'right'], rows)}\n\n{told}"
@@ -95,49 +88,14 @@ def polarity(options: argparse.Namespace) -> None:
     print(f"Agreement of samples with the magnitude of the correlation: Spearman {rank:.2f}")
 
 
-def poses(options: argparse.Namespace) -> None:
-    seen: list[tuple[float, bool]] = []
-    for condition in options.conditions:
-        for example in objects_of(options, condition):
-            result = estimate(example, {})
-            azimuths = (result.azimuth, *result.equivalent_azimuths)
-            assert result.confidence is not None
-            truth = example.azimuth, example.elevation, example.theta
-            views = [(each, result.elevation, result.theta) for each in azimuths]
-            right = bool(rotation_error(views, truth).min() <= WITHIN)
-            seen.append((result.confidence, right))
-    examples = objects_of(options)
-    for index in range(options.unrelated):
-        generator = np.random.default_rng([options.seed, index, 2])
-        image = sample_photograph(SAMPLE_NAMES[index % len(SAMPLE_NAMES)])
-        side = min(image.shape[1:])
-        first, last = (int(each) for each in np.sort(generator.integers(0, side - SMALLEST + 1, 2)))
-        box = (first, first, SMALLEST + last, SMALLEST + last) if index % 2 else None
-        models = {model.name: model.mesh() for model in examples[index % len(examples)].candidates}
-        result = estimate_pose(image, models, box=box)
-        assert result.confidence is not None
-        seen.append((result.confidence, False))
-    sure, right = np.array(seen, dtype=float).T
-    print(f"{len(seen)} poses, {options.unrelated} of them without an object\n")
-    print(calibrated(sure, right, np.linspace(0, 1, 6).tolist()))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True)
-    of_polarity = commands.add_parser("polarity")
-    of_polarity.add_argument("--images", type=Path, nargs="*", help="folders of images, each of one size")
-    of_polarity.add_argument("--every", type=int, default=1, help="take every N-th image only")
-    of_polarity.add_argument("--threads", type=int, default=1)
-    of_polarity.set_defaults(run=polarity)
-    of_poses = commands.add_parser("poses")
-    add_options(of_poses)
-    of_poses.add_argument("--conditions", nargs="+", default=CONDITIONS)
-    of_poses.add_argument("--unrelated", type=int, default=60, help="boxes without the object")
-    of_poses.set_defaults(run=poses)
+    parser.add_argument("--images", type=Path, nargs="*", help="folders of images, each of one size")
+    parser.add_argument("--every", type=int, default=1, help="take every N-th image only")
+    parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    options.run(options)
+    polarity(options)
 
 
 if __name__ == "__main__":

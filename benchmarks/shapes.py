@@ -1,4 +1,4 @@
-"""Objects that look alike from several sides, exactly or nearly, and other classes than chairs, for `calibration.py`:
+"""Objects that look alike from several sides, exactly or nearly, and other classes than chairs, for `confidence.py`:
 
     python benchmarks/shapes.py DIR [--variants N]
 

@@ -15,7 +15,6 @@ from nablahog.hog import presets
 from nablahog.inputs.boxes import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
-from nablahog.pose.vote import confidence
 from nablahog.render import Camera, silhouette
 
 from .common import SWIVEL, WOODEN, box_around, degrees_between, model, overlap, photographed
@@ -182,18 +181,6 @@ def test_refuses(clean: Scene, changes: dict[str, Any], message: str) -> None:
     options = {"photograph": clean[0], "models": model()} | changes
     with pytest.raises((ValueError, TypeError), match=message):
         estimate_pose(**options)
-
-
-def test_similarity_and_agreement_speak_for_a_pose_and_rivals_against_it() -> None:
-    for known_model in (True, False):
-        base = confidence(6.0, 0.5, 3.0, 0.5, known_model=known_model)
-        assert 0 < base < 1
-        assert confidence(9.0, 0.5, 3.0, 0.5, known_model=known_model) > base
-    of_one, of_several = (confidence(6.0, 0.5, 3.0, 0.5, known_model=known) for known in (True, False))
-    assert confidence(6.0, 0.9, 3.0, 1.0, known_model=True) < of_one
-    assert confidence(6.0, 0.5, 3.0, 0.9, known_model=False) > of_several
-    assert confidence(-3.0, 0.0, math.inf, 1.0, known_model=True) < 0.5
-    assert confidence(20.0, 1.0, 0.0, 1.0, known_model=True) == 0.5  # the model fits another side as well
 
 
 def test_an_object_that_is_there_is_surer_than_one_that_is_not() -> None:

@@ -205,6 +205,7 @@ class Fitting:
             "similarity": float(self.similarity.values(estimate.crop_pose[None])),
             "result": self.figures(estimate, request),
             "overlay": png(self._overlay(estimate)),
+            "second_overlay": None if estimate.second is None else png(self._overlay(estimate.second)),
             "warning": warning(self.lens.report(estimate, self.box)),
             "snippets": write_pose_snippets(asked, files),
         }

@@ -13,6 +13,8 @@ from torch import Tensor
 from ..inputs.boxes import Box
 from ..runtime.pytorch import in_threads
 from .ascent import SCHEDULE, Round, quadratic_ascent
+from .confidence import probabilities
+from .evidence import gather_evidence
 from .model import (
     DETAIL,
     VIEW_COUNT,
@@ -34,7 +36,6 @@ from .vote import (
     Hypothesis,
     azimuth_evidence,
     compare_shares,
-    confidence,
     interpolate_evidence,
     mean_viewpoint,
     midway_azimuth,
@@ -200,20 +201,25 @@ class BestSearch:
         """The estimate of the best pose, with its runners-up and its confidence."""
         elevation = min(self.problem.elevations, key=lambda elevation: abs(elevation - float(best.pose[1])))
         same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
+        known = self.calibrated and len(self.problem.models) == 1
+        if known:
+            turned = self.move_to_viewpoint(best, best.pose[[0, 1, 3]] + torch.tensor([180.0, 0, 0]))
+            shares = {**shares, turned: turned.similarity / max(best.similarity, 1e-9)}
         runners_up = select_runners_up(shares, [best.azimuth, *same_view])
-        rivals = tuple(self._convert(hypothesis, share=share) for hypothesis, share in runners_up.items())
-        rival = rivals[0].share if rivals else 0.0
-        lead = best.similarity - max((estimate.similarity for estimate in rivals), default=-math.inf)
-        known = len(self.problem.models) == 1
+        prior = self._prior if self.voting else None
+        evidence = (
+            gather_evidence(self.problem, best, agreement, [*runners_up.values()], prior) if self.calibrated else None
+        )
+        confidences = [None] * (1 + len(runners_up)) if evidence is None else [*probabilities(evidence)]
+        rivals = zip(runners_up.items(), confidences[1:], strict=True)
         return self._convert(
             best,
             traces=tuple(hypothesis.search_trace() for hypothesis in traced),
-            runners_up=rivals,
+            runners_up=tuple(self._convert(rival, share=share, confidence=sure) for (rival, share), sure in rivals),
             equivalent_azimuths=same_view,
-            covariance=best.covariance(self.problem.image.shape[1:], same_view) if known and self.calibrated else None,
-            confidence=confidence(best.similarity, rival, lead, agreement, known_model=known)
-            if self.calibrated
-            else None,
+            covariance=best.covariance(self.problem.image.shape[1:], same_view) if known else None,
+            confidence=confidences[0],
+            evidence=evidence,
         )
 
     def _convert(self, hypothesis: Hypothesis, **attributes: object) -> PoseEstimate:

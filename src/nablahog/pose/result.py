@@ -20,13 +20,20 @@ from ..render.conventions import move_before_camera
 from ..render.lens import IdealCamera
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
+from .confidence import Evidence
 from .geometry import PoseGeometry
-from .model import looks_same_all_around
+from .model import azimuth_distance, looks_same_all_around
 from .options import FocalSource, SimilarityKind
 
 MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose without a confidence may mean nothing: 9 of 10 boxes of photographs
 without any chair stay below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
+
+
+SECOND_CONFIDENCE = 0.15
+"""Confidence of a runner-up above which it is shown beside the best pose."""
+OPPOSITE = 150.0
+"""Degrees of azimuth from which on two poses see opposite sides."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,8 +58,10 @@ class PoseEstimate(PoseGeometry):
             deviations over arbitrary photographs, one of patches has no unit.
         crop_pose: (6,), float64: the same pose for the object's crop, see :func:`.crop.crop_object`.
         box: of the object, pixels: the one given, or the one where it was found.
-        confidence: probability that the whole rotation is within 15°, in 0…1, see :mod:`.vote`; None for similarities
-            other than ``"calibrated"`` and methods other than ``"best"``.
+        confidence: probability that the whole rotation is within 15°, in 0…1, see :mod:`.confidence`, of a runner-up
+            that it is that one's; None for similarities other than ``"calibrated"`` and methods other than ``"best"``.
+            What is missing to 1 from the sum of a pose's and its runners-up's is that none of them is right.
+        evidence: the figures that the confidence rests on; None for a runner-up, and if there is no confidence.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.
         share: of a runner-up: its similarity divided by the best pose's; among several models, its votes divided by
@@ -90,6 +99,7 @@ class PoseEstimate(PoseGeometry):
     box: Box
     traces: tuple[SearchTrace, ...] = ()
     confidence: float | None = None
+    evidence: Evidence | None = None
     equivalent_azimuths: tuple[float, ...] = ()
     runners_up: tuple[PoseEstimate, ...] = ()
     share: float = 1.0
@@ -111,6 +121,23 @@ class PoseEstimate(PoseGeometry):
     def any_azimuth(self) -> bool:
         """Whether the model looks the same from all around, as a bottle does: no photograph tells its azimuth."""
         return looks_same_all_around(self.equivalent_azimuths)
+
+    @property
+    def half_turn(self) -> float | None:
+        """Probability that the object is seen from the opposite side: the sum of the confidences of such runners-up.
+
+        Front and back of many objects look alike.  None without a confidence.
+        """
+        if self.confidence is None:
+            return None
+        around = [rival for rival in self.runners_up if azimuth_distance(rival.azimuth, self.azimuth) >= OPPOSITE]
+        return sum(rival.confidence or 0.0 for rival in around)
+
+    @property
+    def second(self) -> PoseEstimate | None:
+        """The most probable runner-up, if it is right with a probability above :data:`SECOND_CONFIDENCE`; else None."""
+        likely = [rival for rival in self.runners_up if (rival.confidence or 0.0) > SECOND_CONFIDENCE]
+        return max(likely, key=lambda rival: rival.confidence or 0.0, default=None)
 
     @in_plain_mode
     def undistort(self, photograph: Tensor | ArrayImage) -> Tensor:
@@ -190,11 +217,15 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
         "similarity_kind": estimate.similarity_kind,
         "confidence": estimate.confidence,
         "warning": warning(estimate),
-        "runners_up": [
-            {"model": rival.model, **_parameters(rival), "share": rival.share} for rival in estimate.runners_up
-        ],
+        "half_turn": estimate.half_turn,
+        "second": None if estimate.second is None else _rival_figures(estimate.second),
+        "runners_up": [_rival_figures(rival) for rival in estimate.runners_up],
         "renderings": estimate.renderings,
     }
+
+
+def _rival_figures(rival: PoseEstimate) -> dict[str, Any]:
+    return {"model": rival.model, **_parameters(rival), "share": rival.share, "confidence": rival.confidence}
 
 
 def _parameters(estimate: PoseEstimate) -> dict[str, float]:

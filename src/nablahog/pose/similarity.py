@@ -18,6 +18,7 @@ from typing import TypeAlias, TypeVar
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from ..hog import hog
 from ..hog.descriptor import histograms, normalize
@@ -33,6 +34,7 @@ from .whitening import Background, Whitener, cached_whitener
 T = TypeVar("T")
 
 _BATCH = 32  # renderings at a time, few enough for the processor's cache
+_SIDELOBES = 2, 6  # cells: as far from its place a rendering is compared, too; neighbouring places are much alike
 _SHRINK = 2  # of the crop in the coarse search, which finds as many poses in less time
 
 
@@ -83,6 +85,17 @@ class CalibratedTemplate:
         values = values / spread
         gradients = (self.weights - (values / spread)[:, None, None, None] * whitened) / spread[:, None, None, None]
         return values, gradients
+
+    def sidelobe(self, image: Tensor) -> float:
+        """The highest similarity of an image (1, 1, H, W) that is moved by some cells, as a share of that in its place.
+
+        At most 1, and at least 0.  A regular pattern is as similar elsewhere, an object is not.
+        """
+        nearest, farthest = _SIDELOBES
+        moved = functional.conv2d(self.weights[None], describe(image, self.spec), padding=farthest)[0, 0]
+        offsets = torch.arange(-farthest, farthest + 1).abs()
+        elsewhere = moved[torch.maximum(offsets[:, None], offsets) >= nearest]
+        return float((elsewhere.max() / moved[farthest, farthest].clamp(min=1e-9)).clamp(0, 1))
 
 
 def deviations(squared: Tensor) -> Tensor:

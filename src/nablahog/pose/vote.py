@@ -1,14 +1,12 @@
-"""The poses that a search has found: their rivals, the votes of several models for a side, and the confidence.
+"""The poses that a search has found: their rivals, and the votes of several models for a side.
 
 One wrong model may fit any side; many models fit the right one.  Views of all models, before any pose is tried
 closely, are evidence for a side, too, and so is a network that has learned what objects of the class look like from
-each side.  The confidence is a logistic regression on all this: the similarity says how well a model fits; whether
-another side of the object fits as well, and whether other models agree, says more.
+each side.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -43,10 +41,6 @@ _COARSE_WEIGHT = (
 _VOTE_SCALE = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _VOTE_BLUR = 12.0  # degrees
 _SAME_POSE = 12.0  # degrees: of poses whose rotations are closer only the best is tried
-# the constant of the logistic regression, and its weights of log(1 + similarity), rival and agreement
-KNOWN_MODEL = -14.35, 7.34, -0.88, 0.0  # of a single model
-UNKNOWN_MODEL = -5.86, 1.28, 0.84, 6.08  # of several, none of which need be the object's own
-_LEAD_SCALE = 0.4  # lead in similarity over another side that makes a single model's pose e times as likely
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SOFT_MAXIMUM = 0.5  # of the soft maximum, in units of similarity
 _NETWORK_EXPONENT = 0.6  # exponent of the network's probabilities, beside those of the views
@@ -259,27 +253,6 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
     views = model.renderer(detail=DETAIL).render(poses, derivative=False).image[:, None]
     likely = prior.log_probabilities(views).argmax(1) * (360 / VIEW_COUNT)
     return float((signed_angles(likely - azimuths).abs() <= SAME_SIDE).double().mean())
-
-
-def confidence(similarity: float, rival: float, lead: float, agreement: float, *, known_model: bool) -> float:
-    """The probability that the rotation is within 15°, or one from which the model looks the same.
-
-    Fitted to scenes with boxes of all kinds and to photographs without the object: of a single model, of chairs and of
-    the objects of ``benchmarks/shapes.py``; of several, of chairs.  ``benchmarks/calibration.py`` measures it.
-    A single model that fits another side as well is as likely to be seen from there, however well it fits.
-
-    Args:
-        similarity: calibrated, of the best pose.
-        rival: share of the best runner-up; 0 if there is none.
-        lead: similarity of the best pose less that of the most similar runner-up; infinite if there is none.
-        agreement: share of the votes of several models' poses that are for the same side; 1 for a single model.
-        known_model: whether there is a single model.
-    """
-    constant, similarity_weight, rival_weight, agreement_weight = KNOWN_MODEL if known_model else UNKNOWN_MODEL
-    explained = similarity_weight * math.log1p(max(similarity, 0.0))
-    logit = constant + explained + rival_weight * rival + agreement_weight * agreement
-    fits = 1 / (1 + math.exp(-logit))
-    return min(fits, 1 / (1 + math.exp(-lead / _LEAD_SCALE))) if known_model else fits
 
 
 def forget_models() -> None:

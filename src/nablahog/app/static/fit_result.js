@@ -41,11 +41,28 @@ export class FitResult {
     overlay.alt = `The outline of the mesh on ${result.photograph}, ${turned}`;
     element("overlay-about", HTMLElement).textContent =
       `The outline of the mesh on the ${result.photograph_camera ? "undistorted " : ""}photograph`;
+    this.#showSecond(result.second, message.second_overlay);
     const warning = element("fit-warning", HTMLElement);
     warning.hidden = !message.warning;
     warning.textContent = message.warning ?? "";
     element("fit-figures", HTMLElement).replaceChildren(...poseTables(result));
     showSnippets(element("fit-snippets", HTMLElement), message.snippets, this.source.sample);
     this.#place.hidden = false;
+  }
+
+  /**
+   * The runner-up that may be right, too.
+   *
+   * @param {any} second its figures, or null
+   * @param {string | null} overlay
+   */
+  #showSecond(second, overlay) {
+    element("second", HTMLElement).hidden = second === null;
+    if (second === null || overlay === null) return;
+    const where = `azimuth ${figure(second.azimuth, 1)}, elevation ${figure(second.elevation, 1)}`;
+    const image = element("second-overlay", HTMLImageElement);
+    image.src = addressOf(overlay);
+    image.alt = `The outline of the mesh at the second answer, ${where}`;
+    element("second-about", HTMLElement).textContent = `The second answer: ${where}, confidence ${figure(second.confidence, 2)}`;
   }
 }

@@ -33,7 +33,7 @@ export function proper(pose) {
  * @param {{[name: string]: any}} result
  */
 export function poseTables(result) {
-  const { confidence, runners_up: others, focal_length_from: from } = result;
+  const { confidence, half_turn: halfTurn, runners_up: others, focal_length_from: from } = result;
   const deviations = result.standard_deviations ?? {};
   /** @param {string} name @param {number} digits */
   const measured = (name, digits) =>
@@ -48,10 +48,12 @@ export function poseTables(result) {
     ? "This method does not say how sure it is; “best” does."
     : `Confidence ${figure(confidence, 2)}: of earlier poses with this confidence, about ${Math.min(99, Math.round(100 * confidence))} % were right, `
       + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same. "
+      + `That it is seen from the opposite side: ${figure(halfTurn, 2)}. `
       + "If the pose is right, the true value is within ± (one standard deviation) in 68 of 100."}`));
   if (others.length) {
-    nodes.push(table("Runners-up: the best poses from other sides, and their share of the best similarity", ["Azimuth", "Elevation", "Share"],
-      others.map((/** @type {any} */ each) => [figure(each.azimuth, 1), figure(each.elevation, 1), figure(each.share, 2)]), [0, 1, 2]));
+    nodes.push(table("Runners-up: the best poses from other sides, their share of the best similarity, and the probability that they are right",
+      ["Azimuth", "Elevation", "Share", "Confidence"], others.map((/** @type {any} */ each) =>
+        [each.azimuth, each.elevation, each.share, each.confidence].map((value, i) => figure(value, i < 2 ? 1 : 2))), [0, 1, 2, 3]));
   }
   return nodes;
 }

@@ -218,8 +218,7 @@ class ObjectJob:
         mesh = meshes[estimate.model]
         figures: dict[str, Any] = {**pose_figures(lens.report(estimate, given_box)), "seconds": round(seconds, 4)}
         if request.page:
-            searched = list(meshes), request.method, lens.camera
-            figures["page"] = pose_page(self.listed.image, photograph, estimate, mesh, *searched)
+            figures["page"] = pose_page(self.listed.image, photograph, estimate, meshes, request.method, lens.camera)
         picture = join_pictures(photograph, estimate, mesh)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
 

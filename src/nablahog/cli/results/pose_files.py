@@ -62,7 +62,11 @@ DEFINITIONS = {
     "products of the ∇HOG descriptors of their patches with those of the rendering, as in the paper.",
     "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
     "looks the same, as measured on rendered scenes and photographs.",
-    "runners_up": "The best poses from other sides; share: of the best pose's similarity, or of its side's votes.",
+    "half_turn": "The probability that the object is seen from the opposite side: front and back may look alike.",
+    "second": "The second answer: azimuth and elevation of the runner-up that is most probably right, with its "
+    "confidence, if this is above 0.15.",
+    "runners_up": "The best poses from other sides; share: of the best pose's similarity, or of its side's votes; "
+    "confidence: the probability that it is the right one.",
     "renderings": "The number of renderings that the search compared, of all candidates.",
     "seconds": "Wall time of the search; the first in a process takes longer, because code is loaded.",
 }
@@ -184,7 +188,7 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
 
 def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     """The most important figures, for a table."""
-    shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence")
+    shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "second")
     return [
         {
             "image": posed.listed.image,
@@ -204,7 +208,18 @@ def define(names: Sequence[str], figures: Sequence[Mapping[str, Any]]) -> dict[s
 def show_figures(figures: Mapping[str, Any], names: Sequence[str]) -> dict[str, object]:
     """Some figures of a pose for a table, with ± and the standard deviation where there is one."""
     shown = {name: _with_deviation(figures.get(name), _deviation(figures, name)) for name in names}
-    return shown | ({"azimuth": "any"} if figures.get("any_azimuth") else {})
+    if figures.get("any_azimuth"):
+        shown["azimuth"] = "any"
+    if "second" in shown:
+        shown["second"] = _say_second(figures.get("second"))
+    return shown
+
+
+def _say_second(rival: Mapping[str, Any] | None) -> str | None:
+    """The viewpoint of the second answer, with its confidence."""
+    if rival is None:
+        return None
+    return f"{rival['azimuth']:.0f}°, {rival['elevation']:.0f}° ({rival['confidence']:.2f})"
 
 
 def _deviation(figures: Mapping[str, Any], name: str) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,10 @@ AZIMUTHS = 180  # at which similarity is computed
 SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
 STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 _CLOSE = 0.6  # share of the close-up's side for the longer side of the box
-_FIGURES = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "renderings")
+_FIGURES = (
+    *("model", "azimuth", "elevation", "theta", "distance", "similarity"),
+    *("confidence", "second", "half_turn", "renderings"),
+)
 
 LEAD = (
     "The pose at which a rendering of a CAD model has the HOG most like that of an object in a photograph, after "
@@ -45,8 +48,7 @@ def pose_page(
     name: str,
     photograph: Tensor,
     estimate: PoseEstimate,
-    mesh: Mesh,
-    candidates: Sequence[str],
+    meshes: Mapping[str, Mesh],
     method: SearchMethod,
     camera: PhotographCamera | None = None,
 ) -> str:
@@ -56,12 +58,11 @@ def pose_page(
         name: of the photograph.
         photograph: (C, H, W) in 0…1 or uint8, undistorted.
         estimate: for that.
-        mesh: the best of the candidates.
-        candidates: names of all models.
+        meshes: the candidates by name.
         method: of the search.
         camera: the one that took the photograph, if known.
     """
-    known = estimate.camera.focal, estimate.principal_point
+    known, mesh = (estimate.camera.focal, estimate.principal_point), meshes[estimate.model]
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, CROP_SIDE, CROP_FILL, *known))
     spec = matched.background.spec
     settings = {
@@ -70,7 +71,7 @@ def pose_page(
         "box": ", ".join(f"{side:g}" for side in estimate.box),
         "descriptor": _named(matched.patches.spec if estimate.similarity_kind == "patches" else spec),
         "visual elements by": _named(spec),
-        "candidates": ", ".join(candidates),
+        "candidates": ", ".join(meshes),
     }
     if camera is not None and not camera.is_ideal:
         lengths = f"focal lengths {camera.fx:g} and {camera.fy:g}, principal point {camera.cx:g}, {camera.cy:g}"
@@ -79,8 +80,9 @@ def pose_page(
     sections = [
         html.Section(
             "Overlay",
-            "The outline of the model at the estimated pose, and its rendering.",
-            overlay(photograph, estimate, mesh),
+            "The outline of the model at the estimated pose, and its rendering."
+            + ("" if estimate.second is None else " The last picture has the second answer, which may be right, too."),
+            [*overlay(photograph, estimate, mesh), *_second_answer(photograph, estimate, meshes)],
         ),
         similarity_by_azimuth(matched, estimate, mesh),
         html.Section(
@@ -130,6 +132,16 @@ def overlay(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh) -> list[Pane
             f"A rendering of {estimate.model} at the pose found, in the object's place",
         ),
     ]
+
+
+def _second_answer(photograph: Tensor, estimate: PoseEstimate, meshes: Mapping[str, Mesh]) -> list[Panel]:
+    """The object with the outline of the second answer, if there is one."""
+    second = estimate.second
+    if second is None:
+        return []
+    *_, drawn = close_up(photograph, second, meshes[second.model], HEIGHT, _CLOSE * HEIGHT)
+    where = f"second answer: azimuth {round(second.azimuth)}°, confidence {second.confidence:.2f}"
+    return [Panel(drawn, where, f"The object with the outline of {second.model} at the second answer")]
 
 
 def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> html.Section:

@@ -1,0 +1,89 @@
+"""How likely a pose is to be right, and each of its runners-up, by a multinomial logistic regression.
+
+Either the best pose is right, or a runner-up, or none of them, as where the object is missing.  How well the rendering
+fits says whether there is an object, and so do the view, since few photographs are taken from far above, and the
+photograph around it: a regular pattern fits elsewhere, too.
+Whether another side fits as well, and whether several models agree on a side, says which of the poses is right.
+
+``benchmarks/confidence.py`` has fitted the weights to scenes with boxes of all kinds, and to photographs and textures
+without the object; it measures the confidence on others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The figures that the confidence of a pose rests on.
+
+    Attributes:
+        known_model: whether there was a single model.
+        similarity: calibrated, of the best pose.
+        penalty: of its view, in units of the similarity, see :meth:`.problem.PoseProblem.penalty`.
+        sidelobe: the coarse similarity of its rendering elsewhere, divided by that in its place, in 0…1, see
+            :meth:`.similarity.CalibratedTemplate.sidelobe`.
+        agreement: share of the votes of several models' poses that are for its side; 1 for a single model.
+        viewpoint: how much likelier its azimuth is than any other by the viewpoint prior, a logarithm; None without a
+            prior that knows the class of the models.
+        shares: of the runners-up, as :attr:`.PoseEstimate.share` has them, 0…1.
+    """
+
+    known_model: bool
+    similarity: float
+    penalty: float
+    sidelobe: float
+    agreement: float
+    viewpoint: float | None
+    shares: tuple[float, ...]
+
+
+class Weights(NamedTuple):
+    """Of the logarithm of the odds that the best pose is right, not none of them; and of a runner-up's to the best."""
+
+    constant: float
+    similarity: float  # of log(1 + similarity)
+    penalty: float
+    sidelobe: float
+    agreement: float
+    viewpoint: float
+    share: float  # exponent of a runner-up's share
+
+
+KNOWN_MODEL = Weights(-8.67, 5.13, -2.55, -3.53, 0.0, 0.0, 32.4)  # of a single model: of chairs and other shapes
+# of several models, none of which need be the object's own: of chairs, which the viewpoint prior knows, or not
+UNKNOWN_MODEL = Weights(-6.56, 0.8, 0.0, 0.0, 5.0, 0.97, 0.75)
+UNKNOWN_CLASS = Weights(-5.86, 1.28, 0.0, 0.0, 6.08, 0.0, 1.0)
+_LEAST = 1e-9  # of what a logarithm is taken of
+
+
+def stored_weights(evidence: Evidence) -> Weights:
+    """The weights of this module for evidence of a kind."""
+    if evidence.known_model:
+        return KNOWN_MODEL
+    return UNKNOWN_CLASS if evidence.viewpoint is None else UNKNOWN_MODEL
+
+
+def probabilities(evidence: Evidence, weights: Weights | None = None) -> tuple[float, ...]:
+    """Probabilities that the rotation of the best pose, and of each runner-up, is within 15° of the true one.
+
+    What is missing to 1 is the probability that none of them is.  ``weights`` are those of this module by default.
+    """
+    if weights is None:
+        weights = stored_weights(evidence)
+    best = (
+        weights.constant
+        + weights.similarity * math.log1p(max(evidence.similarity, 0.0))
+        + weights.penalty * evidence.penalty
+        + weights.sidelobe * evidence.sidelobe
+        + weights.agreement * evidence.agreement
+        + weights.viewpoint * (evidence.viewpoint or 0.0)
+    )
+    logits = [best, *(best + weights.share * math.log(max(share, _LEAST)) for share in evidence.shares)]
+    highest = max(0.0, *logits)
+    odds = [math.exp(logit - highest) for logit in logits]
+    total = math.exp(-highest) + sum(odds)
+    return tuple(each / total for each in odds)

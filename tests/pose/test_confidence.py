@@ -1,0 +1,110 @@
+"""The confidence of a pose and of its runners-up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from nablahog import estimate_pose, sample_chairs
+from nablahog.io.images import sample_photograph
+from nablahog.pose.confidence import KNOWN_MODEL, UNKNOWN_CLASS, UNKNOWN_MODEL, Evidence, Weights, probabilities
+from nablahog.pose.crop import crop_object
+from nablahog.pose.model import azimuth_distance
+from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE
+
+ALONE = Evidence(True, 8.0, 0.1, 0.3, 1.0, None, (0.9, 0.6))
+AMONG = Evidence(False, 6.0, 0.1, 0.3, 0.6, 1.5, (0.5, 0.1))
+PLAIN = Weights(constant=0.0, similarity=0.0, penalty=0.0, sidelobe=0.0, agreement=0.0, viewpoint=0.0, share=1.0)
+
+
+def test_odds_are_those_of_a_multinomial_regression() -> None:
+    sure = probabilities(ALONE, PLAIN._replace(constant=math.log(2), share=2.0))
+    odds = [2, 2 * 0.9**2, 2 * 0.6**2]
+    assert sure == pytest.approx([each / (1 + sum(odds)) for each in odds])
+
+
+@pytest.mark.parametrize("evidence", [ALONE, AMONG, replace(AMONG, viewpoint=None)])
+def test_the_rest_to_one_is_that_no_pose_is_right(evidence: Evidence) -> None:
+    for shares in ((), (1.0,), (1.0, 1.0, 1.0), (0.0,)):
+        for similarity in (-5.0, 0.0, 5.0, 1e6):
+            sure = probabilities(replace(evidence, shares=shares, similarity=similarity))
+            assert all(0 <= p <= 1 for p in sure)
+            assert sum(sure) <= 1 + 1e-9
+            assert len(sure) == 1 + len(shares)
+
+
+def test_what_fits_well_is_surer_and_what_fits_elsewhere_is_less_sure() -> None:
+    for evidence in (ALONE, AMONG, replace(AMONG, viewpoint=None)):
+        base = probabilities(evidence)[0]
+        assert 0 < base < 1
+        assert probabilities(replace(evidence, similarity=9.0))[0] > base
+        assert probabilities(replace(evidence, shares=(0.95, 0.6)))[0] < base
+    assert probabilities(replace(ALONE, penalty=1.0))[0] < probabilities(ALONE)[0]
+    assert probabilities(replace(ALONE, sidelobe=0.9))[0] < probabilities(ALONE)[0]
+    assert probabilities(replace(AMONG, agreement=0.9))[0] > probabilities(AMONG)[0]
+    assert probabilities(replace(AMONG, viewpoint=3.0))[0] > probabilities(AMONG)[0]
+
+
+def test_a_side_that_fits_as_well_is_as_likely() -> None:
+    sure = probabilities(replace(ALONE, similarity=30.0, shares=(1.0,)))
+    assert sure == pytest.approx((0.5, 0.5), abs=1e-3)
+
+
+def test_weights_are_those_of_the_kind_of_evidence() -> None:
+    assert probabilities(ALONE) == probabilities(ALONE, KNOWN_MODEL)
+    assert probabilities(AMONG) == probabilities(AMONG, UNKNOWN_MODEL)
+    unknown = replace(AMONG, viewpoint=None)
+    assert probabilities(unknown) == probabilities(unknown, UNKNOWN_CLASS)
+
+
+def crate() -> Tensor:
+    """A regular pattern, (1, 180, 180)."""
+    y, x = torch.meshgrid(torch.arange(180), torch.arange(180), indexing="ij")
+    return 0.2 + 0.6 * ((x // 24 + y // 24) % 2).float()[None]
+
+
+def test_a_regular_pattern_has_a_sidelobe_and_an_object_has_none() -> None:
+    template = PreparedPhotograph(crop_object(crate(), (30, 30, 142, 142))).calibrated
+    pattern = crop_object(crate(), (30, 30, 142, 142)).downsample(template.shrink).image
+    assert template.sidelobe(pattern) > 0.6
+    square = torch.full((1, 180, 180), 0.5)
+    square[:, 60:120, 60:120] = 1
+    crop = crop_object(square, (30, 30, 142, 142))
+    template = PreparedPhotograph(crop).calibrated
+    assert template.sidelobe(crop.downsample(template.shrink).image) < 0.5
+    assert template.sidelobe(torch.zeros(1, 1, 64, 64)) in (0.0, 1.0)  # nothing is rendered
+
+
+@pytest.mark.parametrize("name", ["brick", "coins"])
+def test_a_model_that_is_not_there_has_a_low_confidence(name: str) -> None:
+    estimate = estimate_pose(sample_photograph(name), sample_chairs()["wooden-0"])
+    assert estimate.confidence is not None
+    assert estimate.confidence < 0.3
+
+
+def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it() -> None:
+    mesh = sample_chairs()["wooden-0"]
+    estimate = estimate_pose(sample_photograph("coffee"), mesh, box=(100, 50, 400, 350))
+    sides = [azimuth_distance(estimate.azimuth, rival.azimuth) for rival in estimate.runners_up]
+    confidences = [rival.confidence for rival in estimate.runners_up]
+    expected = sum(sure or 0 for side, sure in zip(sides, confidences, strict=True) if side >= OPPOSITE)
+    assert estimate.half_turn == pytest.approx(expected)
+    assert estimate.evidence is not None
+    assert estimate.evidence.shares == tuple(rival.share for rival in estimate.runners_up)
+    assert [estimate.confidence, *confidences] == pytest.approx([*probabilities(estimate.evidence)])
+
+
+def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit() -> None:
+    mesh = sample_chairs()["wooden-0"]
+    estimate = estimate_pose(sample_photograph("coffee"), mesh, box=(100, 50, 400, 350))
+    first, *_ = estimate.runners_up
+    few, more, most = (replace(first, confidence=SECOND_CONFIDENCE + off) for off in (-0.01, 0.01, 0.05))
+    assert replace(estimate, runners_up=(few, more, most)).second is most
+    assert replace(estimate, runners_up=(few,)).second is None
+    unsure = replace(estimate, confidence=None, runners_up=(replace(first, confidence=None),))
+    assert (unsure.second, unsure.half_turn) == (None, None)
