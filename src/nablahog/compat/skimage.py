@@ -15,8 +15,9 @@ from ..hog import HOGSpec, presets
 from ..hog.gradient import gradient
 from ..hog.normalizers.block import BlockForm
 from ..hog.orientation import magnitude
-from ..inputs.arrays import as_array, check_dense, read_tensor, to_array
+from ..inputs.arrays import as_array, to_array
 from ..inputs.numbers import as_integer, as_plain, as_size, shortened
+from ..inputs.tensors import check_dense, read_tensor
 from ..runtime.extras import extra
 
 __all__ = ["hog"]

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from ..inputs.arrays import Descriptors, as_descriptors, check_dense, to_array
+from ..inputs.arrays import Descriptors, as_descriptors, to_array
 from ..inputs.numbers import as_size
+from ..inputs.tensors import check_dense
 from .dialects import as_spec
 from .orientation import bin_angles
 from .spec import COLOURS, HOGSpec

@@ -7,8 +7,8 @@ from typing import Literal, TypeAlias
 import torch
 from torch import Tensor, nn
 
-from ..inputs.arrays import advise_on_tensor, check_device
 from ..inputs.numbers import check_choice
+from ..inputs.tensors import advise_on_tensor, check_device
 from .descriptor import HALVES, hog
 from .dialects import as_spec
 from .spec import HOGSpec

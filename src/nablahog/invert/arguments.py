@@ -7,36 +7,18 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import LEVEL_OVERSHOOT, ArrayImage, as_unit_range, check_dense, check_values
+from ..inputs.arrays import LEVEL_OVERSHOOT, ArrayImage, as_unit_range
 from ..inputs.numbers import as_integer, as_number, as_size, as_truth, check_choice, check_type
+from ..inputs.tensors import check_finite, check_floats
 from ..optimize import Minimiser
 from .choices import InversionMethod, QualityName
 from .prior.terms import Prior
 
 MOST_SAMPLES = 10_000  # of a descriptor
 LARGEST_ENTRY = 1e6  # far above any entry for an image, and small enough that its fourth power does not overflow
-
-
-def check_floats(name: str, tensor: object) -> None:
-    """Raises TypeError unless ``tensor`` is one of float32 or float64."""
-    if isinstance(tensor, Tensor):
-        check_dense(name, tensor)
-    got = tensor.dtype if isinstance(tensor, Tensor) else type(tensor).__name__
-    if got not in (torch.float32, torch.float64):
-        noun = name.split()[-1]
-        write = f": write {noun}.float(), {noun}.astype('f4') of an array" if isinstance(tensor, Tensor) else ""
-        raise TypeError(f"{name} must be a float32 or float64 tensor, got {got}{write}")
-
-
-def check_finite(name: str, tensor: Tensor) -> None:
-    """Raises ValueError if ``tensor`` holds NaN or Inf, or no values."""
-    check_values(name, tensor)
-    if not torch.isfinite(tensor).all():
-        raise ValueError(f"{name} must be finite, got NaN or Inf")
 
 
 def check_axes(name: str, tensor: Tensor) -> None:

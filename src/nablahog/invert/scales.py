@@ -12,8 +12,9 @@ from torch.nn.functional import avg_pool2d
 from ..hog.descriptor import hog
 from ..hog.dialects import as_spec
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import Descriptors, as_unit_range, check_shape, to_array
+from ..inputs.arrays import Descriptors, as_unit_range, to_array
 from ..inputs.numbers import as_integers
+from ..inputs.tensors import check_shape
 
 SCALES = (64, 16, 4, 1)
 

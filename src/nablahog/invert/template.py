@@ -19,8 +19,9 @@ from ..hog.spec import HOGSpec
 from ..hog.steps import normalize_reference
 from ..inputs.arrays import Descriptors, as_descriptors, to_array
 from ..inputs.numbers import as_seed, as_size, as_truth
+from ..inputs.tensors import check_finite, check_floats
 from ..runtime.pytorch import in_plain_mode
-from .arguments import Objective, Search, check_axes, check_finite, check_floats
+from .arguments import Objective, Search, check_axes
 from .histograms import linear_vote_spec, set_nominal_contrast
 from .preimage import reconstruct
 from .reconstruction import Reconstruction, convert_like, relative_distance, scale_progress, to_unit_range

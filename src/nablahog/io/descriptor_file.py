@@ -19,8 +19,9 @@ from ..hog import HOGSpec
 from ..hog.dialects import as_spec
 from ..hog.layout import from_layout, native_shape
 from ..hog.spec import Layout
-from ..inputs.arrays import advise_on_tensor, as_descriptors, check_dense, check_values, read_tensor
+from ..inputs.arrays import as_descriptors
 from ..inputs.numbers import as_size, check_type
+from ..inputs.tensors import check_finite, check_floats, check_values, read_tensor
 from .arrays import check_format, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
@@ -61,12 +62,7 @@ class StoredDescriptor:
     image_size: tuple[int, int]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.descriptor, Tensor) or self.descriptor.dtype not in (torch.float32, torch.float64):
-            got = getattr(self.descriptor, "dtype", type(self.descriptor).__name__)
-            write = advise_on_tensor("descriptor", self.descriptor)
-            raise TypeError(f"the descriptor must be a tensor of float32 or float64, got {got}{write}")
-        check_dense("the descriptor", self.descriptor)
-        check_values("the descriptor", self.descriptor)
+        check_floats("the descriptor", self.descriptor)
         check_type("spec", self.spec, HOGSpec, "nablahog.presets.NAME()")
         object.__setattr__(self, "image_size", as_size("image_size", self.image_size))
         height, width = self.image_size
@@ -80,8 +76,7 @@ class StoredDescriptor:
                 f"{self.spec.named} descriptor of an image of {height}x{width} pixels has shape {expected} "
                 f"(rows, cols, channels), got {shape}"
             )
-        if not torch.isfinite(self.descriptor).all():
-            raise ValueError("the descriptor must be finite, got NaN or Inf")
+        check_finite("the descriptor", self.descriptor)
 
     def __repr__(self) -> str:
         """Sizes and spec, not the numbers."""

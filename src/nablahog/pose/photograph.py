@@ -17,8 +17,8 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.box import pixel_box
-from ..inputs.arrays import check_shape, check_values
 from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number, as_size, check_type
+from ..inputs.tensors import check_shape, check_values
 from .background import FINE_CELL, default_background, pose_spec
 from .crop import ObjectCrop
 from .options import SimilarityKind

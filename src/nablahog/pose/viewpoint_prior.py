@@ -12,8 +12,9 @@ import torch
 from torch import Tensor, nn
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import as_unit_range, check_shape, check_values
+from ..inputs.arrays import as_unit_range
 from ..inputs.numbers import as_integer, check_type, shortened
+from ..inputs.tensors import check_shape, check_values
 from ..io.learned_model import INTEGER, SPEC, TENSOR, LearnedModel, account, build_network, check_weights
 from .background import FINE_CELL, pose_spec
 from .crop import CROP_SIDE

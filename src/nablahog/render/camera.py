@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
-from ..inputs.arrays import advise_on_tensor, check_dense, check_shape, check_values
 from ..inputs.numbers import LONGEST_SIDE, as_integer, as_number
+from ..inputs.tensors import advise_on_tensor, check_dense, check_shape, check_values
 
 _REALS, _DOUBLES = native.array(np.float32, np.float64), native.array(np.float64)
 _rotations = native.function("rotations", _DOUBLES, c_int64, _DOUBLES)

@@ -24,8 +24,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import torch
 from torch import Tensor
 
-from ..inputs.arrays import check_shape
 from ..inputs.numbers import as_size, check_choice, check_type
+from ..inputs.tensors import check_shape
 from .camera import Camera, check_camera, check_poses, rotations
 from .camera import pose as make_pose
 from .mesh import Mesh

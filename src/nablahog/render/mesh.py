@@ -10,8 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..inputs.arrays import as_tensor, check_dense, check_device, check_values
+from ..inputs.arrays import as_tensor
 from ..inputs.numbers import shortened
+from ..inputs.tensors import check_dense, check_device, check_values
 from ..io.input_file import Readable, input_file
 from ..runtime.text import describe_type, to_unicode
 from .mesh_file import read_soup

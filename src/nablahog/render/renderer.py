@@ -13,8 +13,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..inputs.arrays import as_images, check_device, check_shape, check_values
+from ..inputs.arrays import as_images
 from ..inputs.numbers import as_integer, as_number, check_choice, check_type
+from ..inputs.tensors import check_device, check_shape, check_values
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
 from .mesh import Mesh, check_mesh

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .. import native
-from ..inputs.arrays import read_tensor
 from ..inputs.numbers import as_number, as_numbers
+from ..inputs.tensors import read_tensor
 from .mesh import Mesh
 from .soup import find_distinct
 

@@ -122,7 +122,8 @@ def by_image(function: Callable[..., torch.Tensor], *batches: torch.Tensor) -> t
     """``function(*batches)``; on a CPU of each image alone: PyTorch rounds a number by its place in a batch."""
     if not len(batches[0]) or not batches[0].is_cpu:
         return function(*batches)
-    return torch.cat([function(*(batch[k : k + 1] for batch in batches)) for k in range(len(batches[0]))])
+    # the derivative of a slice is a whole batch of zeros, that of a part of a split is not
+    return torch.cat([function(*images) for images in zip(*(torch.split(batch, 1) for batch in batches), strict=True)])
 
 
 _seeding = threading.RLock()

@@ -14,8 +14,9 @@ from ..hog import HOGSpec
 from ..hog.dialects import as_spec
 from ..hog.entries import CellAlignment, mean_over_colours, with_margin
 from ..hog.orientation import bin_angles
-from ..inputs.arrays import as_descriptors, check_values
+from ..inputs.arrays import as_descriptors
 from ..inputs.numbers import as_integer
+from ..inputs.tensors import check_values
 from ..io.images import Picture, as_array, to_pil
 from ..runtime.pytorch import in_plain_mode
 

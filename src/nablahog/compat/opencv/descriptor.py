@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...hog import hog
 from ...hog.spec import Angle
-from ...inputs.arrays import advise_on_tensor
+from ...inputs.tensors import advise_on_tensor
 from ...runtime.pytorch import in_threads
 from . import arguments
 from .arguments import Locations, Size

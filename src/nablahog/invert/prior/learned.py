@@ -14,11 +14,12 @@ from torch import Tensor
 
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
-from ...inputs.arrays import as_unit_range, check_shape
+from ...inputs.arrays import as_unit_range
 from ...inputs.numbers import as_integer, as_seed, as_size, shortened
+from ...inputs.tensors import check_finite, check_shape
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ...runtime.pytorch import by_image
-from ..arguments import MOST_SAMPLES, check_descriptor, check_finite
+from ..arguments import MOST_SAMPLES, check_descriptor
 from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
