@@ -33,6 +33,7 @@ from nablahog.paper.baselines.cnn_hog import CNNHOG
 from timing import Times, cell, ratio, summary, table, times_as_fast
 
 SIDE = 128
+SUFFIXES = {".png", ".jpg", ".jpeg", ".webp"}
 SAMPLES = ("camera", "astronaut", "coffee", "coins", "chelsea", "clock", "rocket", "brick")
 FIGURES: dict[str, Callable[[Tensor, Tensor], float]] = {
     "CC": metrics.cross_correlation,
@@ -44,7 +45,7 @@ FIGURES: dict[str, Callable[[Tensor, Tensor], float]] = {
 def photographs(folder: Path | None, side: int = SIDE) -> Tensor:
     """(N, 1, side, side) in 0…1: squares of those images of a folder, or of scikit-image's, that are so large."""
     if folder is not None:
-        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
+        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
         pictures = [gray(read_image(file)[None]) for file in files]
     else:
         samples = (torch.from_numpy(np.atleast_3d(getattr(data, name)())) for name in SAMPLES)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from nablahog import Reconstruction, hog, metrics, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import scale_descriptors
-from nablahog.invert.prior.learned import PriorChoice
+from nablahog.invert.prior.choice import PriorChoice
 from nablahog.viz.pictures import Panel, contact_sheet
 
 SPECS = {"paper": presets.paper(8), "skimage": presets.skimage(), "opencv": presets.opencv(), "aubry": presets.aubry(8)}

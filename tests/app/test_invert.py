@@ -57,7 +57,8 @@ def test_it_grows(client: TestClient, photo: str, preset: str, asked: dict[str, 
     assert all(picture(frame["image"]).size == (48, 64) for name, frame in made if name == "frame")
     assert picture(done["image"]).size == (48, 64)
     assert all(-1 <= done[name] <= 1 for name in ("cc", "ssim"))
-    assert (done["polarity"] is None) == (preset == "uoctti" or asked != {})
+    assert (done["polarity"] is None) == (done["faded"] is None) == (preset == "uoctti" or asked != {})
+    assert done["faded"] is None or picture(done["faded"]).size == (48, 64)
     assert 0 < len(done["history"]) <= 200
     assert "distance" in done["definitions"]
 

@@ -23,7 +23,9 @@ from nablahog.invert import (
     scale_descriptors,
 )
 from nablahog.invert.histograms import linear_vote_spec, recover_histograms, set_nominal_contrast
-from nablahog.invert.prior.learned import PRIOR_FOLDER, network_class
+from nablahog.invert.prior.choice import PRIOR_FOLDER
+from nablahog.invert.prior.confidence import Calibration, Evidence, compare_regions, smooth_regions
+from nablahog.invert.prior.learned import network_class
 from nablahog.invert.prior.signed_network import INPUT_SPEC, Architecture, SignedNetwork, network_inputs
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.invert.starts import integrate, mean_gradient, starting_images
@@ -191,9 +193,10 @@ def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
     for spec in UNSIGNED.values():
         image = photograph(128)
         descriptor, prior = hog(image, spec), tiny_models.prior(PAPER)
-        one, other = (prior.polarity_confidence(each, descriptor, spec) for each in (image, 1 - image))
-        assert abs(float(one) - 0.5) > 1e-6  # says something
-        assert_close(one + other, torch.ones(1))
+        for confidence in (prior.polarity_confidence, prior.region_confidence):
+            one, other = (confidence(each, descriptor, spec) for each in (image, 1 - image))
+            assert float((one - 0.5).abs().max()) > 1e-6  # says something
+            assert_close(one + other, torch.ones_like(one))
 
 
 def test_the_packages_priors_expect_photographs_and_no_negatives() -> None:
@@ -224,10 +227,41 @@ def test_the_prior_decides_the_polarity() -> None:
     own = prior.polarity_confidence(result.image, descriptors, PAPER)
     assert_close(result.polarity_confidence, own, atol=1e-4, rtol=0)
     assert (own >= 0.5).all()
+    assert result.region_confidence is not None
+    regions = prior.region_confidence(result.image, descriptors, PAPER)
+    assert_close(result.region_confidence, regions, atol=1e-3, rtol=0)
     array = reconstruct(descriptors[0].numpy(), PAPER, prior=prior, search=FEW)
     assert array.polarity_confidence is not None
     assert array.polarity_confidence.shape == ()
-    assert reconstruct(descriptors, PAPER, search=FEW, prior=None).polarity_confidence is None
+    assert array.region_confidence is not None
+    assert array.region_confidence.shape == (64, 64)
+    without = reconstruct(descriptors, PAPER, search=FEW, prior=None)
+    assert (without.polarity_confidence, without.region_confidence) == (None, None)
+
+
+def test_regions_are_sure_where_draws_agree_and_as_far_as_the_image_is() -> None:
+    """A region that all draws have is as sure as its image; of one that half of them negate nothing is known."""
+    image = torch.zeros(1, 1, 64, 64)
+    image[..., :40, :40], image[..., 44:, 44:] = 1, -1  # gray elsewhere
+    draws = image[..., ::4, ::4].repeat(1, 8, 1, 1)
+    draws[:, :4, 11:, 11:] *= -1
+    draws[:, ::2] *= -1  # each is up to its sign
+    agreement = compare_regions(smooth_regions(image), draws)
+    assert agreement.shape == (1, 1, 16, 16)
+    calibration = Calibration(1.0, 0.9, 0.0, 100.0)
+    for polarity in (0.6, 0.9):
+        chances = calibration.regions(Evidence(torch.zeros(1), agreement), torch.tensor([polarity]), (64, 64))
+        assert float(chances[0, 0, 16, 16]) == pytest.approx(polarity, abs=1e-3)
+        assert float(chances.max()) <= polarity + 1e-6
+    assert float(agreement[0, 0, 4, 4]) > 2
+    assert abs(float(agreement[0, 0, 13, 13])) < 0.5
+
+
+def test_a_share_of_photographs_that_the_prior_is_blind_to_limits_its_confidence() -> None:
+    calibration = Calibration(0.5, 0.8)
+    chances = calibration.polarity(torch.tensor([-1e3, -2.0, 0.0, 2.0, 1e3]))
+    expected = [0.1, 0.5 - 0.8 * (1 / (1 + np.exp(-1)) - 0.5), 0.5, 0.5 + 0.8 * (1 / (1 + np.exp(-1)) - 0.5), 0.9]
+    assert_close(chances, torch.tensor(expected, dtype=torch.float32))
 
 
 # --- in a reconstruction
@@ -280,6 +314,14 @@ def test_multi_scale(spec: HOGSpec, more: bool) -> None:
     else:
         assert with_prior[0].polarity_confidence is with_prior[1].polarity_confidence
         assert float(with_prior[1].polarity_confidence) >= 0.5
+        assert with_prior[1].region_confidence.shape == image.shape
+
+
+def test_a_search_from_a_prior_draws_no_random_numbers() -> None:
+    descriptor = hog(photograph(64), PAPER)
+    for prior, is_same in ((tiny_models.prior(PAPER), True), (None, False)):
+        first, second = (reconstruct(descriptor, PAPER, prior=prior, search=FEW, seed=seed) for seed in (0, 1))
+        assert torch.equal(first.image, second.image) == is_same
 
 
 # --- samples
@@ -359,8 +401,15 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
     check_refused(tiny_models.prior(), tmp_path / "p.npz", changed, says)
 
 
+@pytest.mark.parametrize("numbers", [(1.0,), (1.0, 1.1, 0.0, 1.0), (-1.0, 1.0, 0.0, 1.0), (1.0, 1.0, np.nan, 1.0)])
+def test_calibrations_out_of_range_are_refused(numbers: tuple[float, ...]) -> None:
+    prior = tiny_models.prior(PAPER)
+    with pytest.raises(ValueError, match="calibration must be"):
+        replace(prior, learning=replace(prior.learning, calibration=numbers))
+
+
 def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("nablahog.invert.prior.learned.PRIOR_FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.prior.choice.PRIOR_FOLDER", tmp_path)
     with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
         reconstruct(hog(photograph(64), PAPER), PAPER, search=FEW)
 

@@ -16,7 +16,9 @@ from torch.testing import assert_close
 from nablahog import LearnedPrior, presets, train_prior
 from nablahog.hog import HOGSpec
 from nablahog.invert import histograms
-from nablahog.invert.prior import training_windows
+from nablahog.invert.prior import calibration, training_windows
+from nablahog.invert.prior.calibration import Observations
+from nablahog.invert.prior.confidence import Calibration
 from nablahog.invert.prior.provenance import digest_of_weights
 from nablahog.invert.prior.signed_network import Architecture, ResidualBlock
 from nablahog.invert.prior.training import default_precision, learning_rates
@@ -24,9 +26,11 @@ from nablahog.invert.prior.training_windows import HELD_OUT, SignedTraining, Uns
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
+from ..io import tiny_models
 from .photographs import photograph
 
-KINDS = {"signed": presets.uoctti(8), "unsigned": presets.paper(8)}
+PAPER = presets.paper(8)
+KINDS = {"signed": presets.uoctti(8), "unsigned": PAPER}
 every_kind = pytest.mark.parametrize("kind", KINDS)
 TINY = Architecture((8, 8, 8), (1, 0, 0))
 EPOCHS = 3
@@ -315,11 +319,55 @@ def test_the_loss_of_regions_is_the_same_for_their_negative_unless_the_sign_is_k
     assert loss(truth) == pytest.approx(0 if known else math.log(2), abs=1e-6)
 
 
-def test_confidence_is_calibrated_on_the_images_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Right of three in four, the log-odds are to be log 3; of too few images nothing is concluded."""
-    for each, expected in ((8, math.log(3) / 2), (4, 1.0)):
-        training, made, before = UnsignedTraining(patches(each * HELD_OUT), 0), network(), network()
-        odds = iter([2.0, 2.0, -2.0, 2.0] * 4)
-        monkeypatch.setattr(training, "_odds", lambda network, image, spec, odds=odds: torch.full((2,), next(odds)))
-        training.calibrate(made)
-        assert_close(made.polarity.out.weight, expected * before.polarity.out.weight, rtol=0.02, atol=0)
+def test_whole_folders_are_held_out_and_calibrate_the_confidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 50 folders two; of one folder of images one in 25, of which eight are needed."""
+    several = patches(100)
+    in_folders = {f"{int(name) % 50:02}/{name}": image for name, image in several.items()}
+    training = UnsignedTraining(in_folders, 0)
+    assert {name.partition("/")[0] for name in training.held_out} == {"12", "37"}
+    assert (len(training.held_out), len(training.images)) == (4, 96)
+    judged: list[list[str]] = []
+
+    def observe(prior: LearnedPrior, photographs: dict[str, Tensor]) -> Observations:
+        judged.append(list(photographs))
+        return observations(torch.full((8,), 2.0), right=0.75)
+
+    monkeypatch.setattr(calibration, "observe", observe)
+    monkeypatch.setattr(training_windows, "WINDOWS_PER_BATCH", 2)
+    monkeypatch.setattr(histograms, "AFTER_CLOSED_FORM", 2)
+    few = {name: image[:40, :40] for name, image in list(several.items())[:4]}
+    assert trained(few, "unsigned", epochs=1).learning.calibration == ()
+    assert judged == []
+    eight = {str(k): several["0"] for k in range(8)}
+    prior = calibration.calibrate(tiny_models.prior(PAPER), eight)
+    assert judged == [list(eight)]
+    assert prior.learning.calibrated_on == tuple(eight)
+    assert float(prior.calibration.polarity(torch.tensor(2.0))) == pytest.approx(0.75, abs=0.01)
+
+
+def observations(log_odds: Tensor, right: float, agreement: Tensor | None = None) -> Observations:
+    """Of pre-images, the first of which are right; a region each."""
+    count = len(log_odds)
+    is_right = (torch.arange(count) < right * count).double()
+    agreement = torch.zeros(count) if agreement is None else agreement
+    weights = torch.ones(count, dtype=torch.float64)
+    return Observations(log_odds.double(), is_right, weights, agreement.double(), is_right, weights)
+
+
+def test_a_calibration_finds_the_numbers_that_its_observations_were_drawn_with() -> None:
+    generator = torch.Generator().manual_seed(0)
+    log_odds, agreement = (scale * torch.randn(40_000, generator=generator) for scale in (4.0, 1.5))
+    expected = Calibration(0.6, 0.7, 0.4, 0.9)
+    likely = expected.polarity(log_odds), torch.sigmoid(expected.constant + expected.agreement_weight * agreement)
+    right, regions_right = (torch.bernoulli(chance, generator=generator).double() for chance in likely)
+    weights = torch.ones(len(log_odds), dtype=torch.float64)
+    drawn = Observations(log_odds.double(), right, weights, agreement.double(), regions_right, weights)
+    assert calibration.fit(drawn) == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_prior_that_was_calibrated_says_so_in_its_file(tmp_path: Path) -> None:
+    prior = calibration.calibrate(tiny_models.prior(PAPER), patches(8))
+    assert len(prior.learning.calibration) == len(Calibration._fields)
+    prior.save(tmp_path / "p.npz")
+    assert LearnedPrior.load(tmp_path / "p.npz").calibration == prior.calibration

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nablahog import hog
-from nablahog.invert.prior.learned import default_prior_file
+from nablahog.invert.prior.choice import default_prior_file
 from nablahog.paper.learned import SPEC, load, shipped_files
 from nablahog.paper.methods import METHODS, ReconstructionMethod, Table1Settings, choose
 from nablahog.paper.names import BASELINES, DIALECTS, LEARNED_DIALECTS, LIBRARIES, PRIORS, PUBLISHED, TABLE1, TABLE2

@@ -14,7 +14,7 @@ import nablahog
 from nablahog import HOGSpec, presets
 from nablahog.hog import FourBlockNorm
 from nablahog.viz import pictures
-from nablahog.viz.pictures import RED, Panel, contact_sheet, difference, edge_votes, glyphs, outlined
+from nablahog.viz.pictures import RED, Panel, contact_sheet, difference, edge_votes, fade_unsure, glyphs, outlined
 
 SIZE = 96
 
@@ -151,6 +151,11 @@ def test_odd_descriptors() -> None:
         glyphs("descriptor.npz", "paper")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="cell_pixels"):
         glyphs(torch.zeros(2, 2, 9), presets.paper(), cell_pixels=0)
+
+
+def test_an_image_is_gray_where_it_is_not_sure_what_is_bright() -> None:
+    image, confidence = np.array([[1.0, 0.0, 1.0, 0.0]]), np.array([[0.9, 0.8, 0.65, 0.4]])
+    np.testing.assert_allclose(fade_unsure(image, confidence, 0.8), [[1, 0, 0.75, 0.5]])
 
 
 def test_difference() -> None:

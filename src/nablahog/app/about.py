@@ -9,7 +9,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from ..hog import HOGSpec, presets
 from ..invert.histograms import linear_vote_spec
-from ..invert.prior.learned import default_prior_file
+from ..invert.prior.choice import default_prior_file
 from ..requests.dialect import DEFAULT_PRESET, PRESETS, as_text, preset_defaults, preset_parameters
 from ..requests.options import Option, list_options
 from .access import MOST_UPLOAD_BYTES

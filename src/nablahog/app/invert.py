@@ -19,8 +19,9 @@ from ..invert.histograms import linear_vote_spec, recover_histograms
 from ..invert.reconstruction import SearchRecord
 from ..invert.starts import starting_images
 from ..invert.template import reconstruct_template
-from ..requests.inversion import NO_PRIOR, SURE_POLARITY, InvertRequest
+from ..requests.inversion import NO_PRIOR, SURE, InvertRequest
 from ..requests.sources import Source
+from ..viz.pictures import fade_unsure
 from .messages import INVERT_SIZE, InvertMessage, RequestError, as_request_error, png
 from .snippets import write_inversion_snippets
 from .store import DescriptorEntry, Photograph, Store
@@ -52,6 +53,7 @@ def invert(
         result = (_search_template if entry.template else _search)(request, source, store, watch)
     image = result.image[0, 0]
     polarity = None if result.polarity_confidence is None else round(float(result.polarity_confidence[0]), 4)
+    regions = result.region_confidence
     preimage = Photograph(f"pre-image of {source.name}", image[None])
     done = {
         "image": png(image),
@@ -59,7 +61,8 @@ def invert(
         **{name.lower(): value for name, value in _measures(image, reference).items()},
         "distance": float(result.distance[0]),
         "polarity": polarity,
-        "negative": png(1 - image) if polarity is not None and polarity < SURE_POLARITY else None,
+        "negative": png(1 - image) if polarity is not None and polarity < SURE else None,
+        "faded": None if regions is None else png(fade_unsure(image, regions[0, 0], SURE)),
         "evaluations": int(result.evaluations[0]),
         "stop_reason": str(result.stop_reason[0]),
         "seconds": round(result.seconds, 3),

@@ -1,7 +1,8 @@
 from .arguments import AsPublished as AsPublished, Objective as Objective, Search as Search
 from .multiscale import Level as Level, reconstruct_multiscale as reconstruct_multiscale
 from .preimage import reconstruct as reconstruct
-from .prior.learned import LearnedPrior as LearnedPrior, default_prior as default_prior
+from .prior.choice import default_prior as default_prior
+from .prior.learned import LearnedPrior as LearnedPrior
 from .prior.terms import Prior as Prior
 from .prior.training import train_prior as train_prior
 from .reconstruction import Iterate as Iterate, Reconstruction as Reconstruction

@@ -33,7 +33,7 @@ from .arguments import (
 from .choices import InversionMethod
 from .histograms import linear_vote_spec, recover_histograms
 from .preimage import search_preimages
-from .prior.learned import PriorChoice, Priors, as_priors
+from .prior.choice import PriorChoice, Priors, as_priors
 from .prior.terms import CoarserDescriptor
 from .published import choose_smoothness, reconstruct_as_published
 from .reconstruction import Reconstruction, Values, convert_like, find_negatives, negate, relative_distance
@@ -88,7 +88,7 @@ def reconstruct_multiscale(
         scales: falling square numbers.
         method: as :func:`.preimage.reconstruct`.  The paper's search begins with noise at the first level, and with the
             enlarged image of the previous level at each other one, whether signed or not.
-        seed: the seed of the noise.
+        seed: the seed of the noise, of which an unsigned descriptor's search from a learned prior draws none.
         prior: as :func:`.preimage.reconstruct`.  For a signed descriptor it predicts the expected image of the last
             level.  For an unsigned one it predicts that of the first level, if all levels match one descriptor, and
             the details and the polarity of the last level.
@@ -240,7 +240,14 @@ def _fix_polarity(levels: list[Level], descriptors: Sequence[Tensor]) -> list[Le
     for level, descriptor in zip(levels, descriptors, strict=True):
         image = negate(level.reconstruction.image, negative)
         distance = relative_distance(image, descriptor, level.spec)
-        result = replace(level.reconstruction, image=image, distance=distance, polarity_confidence=confidence)
+        regions = level.reconstruction.region_confidence
+        result = replace(
+            level.reconstruction,
+            image=image,
+            distance=distance,
+            polarity_confidence=confidence,
+            region_confidence=None if regions is None else negate(regions, negative),
+        )
         fixed.append(replace(level, reconstruction=result))
     return fixed
 

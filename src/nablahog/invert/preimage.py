@@ -31,7 +31,8 @@ from .arguments import (
 )
 from .choices import InversionMethod, QualityName
 from .histograms import linear_vote_spec, recover_histograms
-from .prior.learned import PriorChoice, Priors, as_priors
+from .prior.choice import PriorChoice, Priors, as_priors
+from .prior.confidence import Confidence
 from .prior.signed_network import INPUT_SPEC
 from .prior.terms import GrayRange, Prior, RelativeSmoothness
 from .published import reconstruct_as_published
@@ -98,7 +99,9 @@ def reconstruct(
         image_size: (height, width) in pixels; by default whole cells, rows · cell height and cols · cell width.
         quality: ``"best"``; or ``"fast"``, with fewer evaluations, 80, and a coarser image.
         method: ``"default"``; or ``"paper"``, the paper's own search, whose options an ``invert.AsPublished`` sets.
-        seed: the seed of the initial noise, which is the same for every image of the batch.
+        seed: the seed of the initial noise, which is the same for every image of the batch.  A search from a learned
+            prior draws no noise, so there the seed changes nothing; :func:`.samples.reconstruct_samples` draws other
+            answers by its seed.
         start: (B, 1, H, W) in 0…1, initial images, of any contrast; by default the integral of the mean gradients.
         expected: (B, 1, H, W) in 0…1, of any contrast: the expected images; then there are no samples and no prior.
         prior: a network trained for such descriptors, which predicts the expected image, and for unsigned ones also
@@ -202,7 +205,7 @@ def search_preimages(
     vectors = SEARCH_VECTORS + GRAPH_VECTORS * (search.minimiser == "dogleg" and targets.device.type != "cpu")
     bytes_per_image = settings.samples * vectors * size[0] * size[1] * targets.element_size()
     at_once = max(1, memory_for(targets.device, BATCH_MEMORY, BATCH_MEMORY_SHARE) // bytes_per_image)
-    searches, images, confidences = [], [], []
+    searches, images, confidences = [], [], list[Confidence]()
     for part, report in split_batch(len(targets), at_once, progress):
         priors, budget = [prior.select(part) for prior in settings.priors], settings.max_evaluations
         searches.append(
@@ -212,13 +215,15 @@ def search_preimages(
         image, confidence = _search_part(searches[-1], part_start, part_expected, settings)
         images.append(image)
         confidences += [] if confidence is None else [confidence]
-    image, confidence = torch.cat(images), torch.cat(confidences) if confidences else None
+    image = torch.cat(images)
+    polarity, regions = map(torch.cat, zip(*confidences, strict=True)) if confidences else (None, None)
     if fix_polarity and not spec.signed:
-        negative, confidence = find_negatives(image, confidence)
-        image = negate(image, negative)
+        negative, polarity = find_negatives(image, polarity)
+        image, regions = negate(image, negative), None if regions is None else negate(regions, negative)
     if dialect.gamma == "sqrt":
         image = image.square()
-    return replace(build_reconstruction(image, targets, dialect, searches, began), polarity_confidence=confidence)
+    result = build_reconstruction(image, targets, dialect, searches, began)
+    return replace(result, polarity_confidence=polarity, region_confidence=regions)
 
 
 class _SearchSettings(NamedTuple):
@@ -259,8 +264,8 @@ def _choose_settings(
 
 def _search_part(
     search: PreimageSearch, start: Tensor | None, expected: Tensor | None, settings: _SearchSettings
-) -> tuple[Tensor, Tensor | None]:
-    """Images (B, 1, H, W) in 0…1 that have the descriptors, and the confidence (B,) in their polarity, if known."""
+) -> tuple[Tensor, Confidence | None]:
+    """Images (B, 1, H, W) in 0…1 that have the descriptors, and how sure their bright side is, if known."""
     spec, size, descriptor, learned = search.spec, search.size, search.descriptor, settings.learned
     histograms = recover_histograms(descriptor, spec, size, max_evaluations=settings.on_histograms)
     if learned is not None and expected is None:
@@ -284,4 +289,4 @@ def _search_part(
     image = to_unit_range(image, spec)
     if learned is None or spec.signed:
         return image, None
-    return image, learned.prior.polarity_confidence(image, descriptor, search.dialect, histograms)
+    return image, learned.prior.confidence(image, descriptor, search.dialect, histograms)

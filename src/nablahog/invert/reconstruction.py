@@ -52,8 +52,10 @@ class Reconstruction(Generic[Values]):
         seconds: wall time for the whole batch.
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
             :class:`.arguments.AsPublished` asks for them.
-        polarity_confidence: (B,) in 0…1, probability that the image is not a negative, by a learned prior for unsigned
-            descriptors; None without one.
+        polarity_confidence: (B,) in 0…1, probability that the image as a whole is not a negative, by a learned prior
+            for unsigned descriptors; None without one.  Single regions may be negatives all the same.
+        region_confidence: (B, 1, H, W) in 0…1, probability that the region around a pixel, which a Gaussian of 8 pixels
+            sees, is rightly brighter or darker than the image's mean, by the same prior.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)
@@ -70,6 +72,7 @@ class Reconstruction(Generic[Values]):
     seconds: float
     iterates: Values | None = None
     polarity_confidence: Values | None = None
+    region_confidence: Values | None = None
 
     def __repr__(self) -> str:
         """Shape and figures, not the pixels."""
@@ -158,9 +161,9 @@ def find_negatives(image: Tensor, confidence: Tensor | None = None) -> tuple[Ten
     return confidence < 0.5, torch.maximum(confidence, 1 - confidence)
 
 
-def negate(image: Tensor, which: Tensor) -> Tensor:
-    """Images (B, 1, H, W) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
-    return torch.where(which.reshape(-1, 1, 1, 1), 1 - image, image)
+def negate(values: Tensor, which: Tensor) -> Tensor:
+    """Images or confidences (B, …) in 0…1, with those in the mask ``which`` (B,) replaced by their negatives."""
+    return torch.where(which.reshape(-1, *[1] * (values.ndim - 1)), 1 - values, values)
 
 
 @torch.no_grad()
@@ -184,6 +187,7 @@ def convert_like(result: Reconstruction, descriptor: Descriptors) -> Reconstruct
         result.seconds,
         None if result.iterates is None else to_array(result.iterates[:, 0, 0] if single else result.iterates[:, :, 0]),
         None if result.polarity_confidence is None else to_array(result.polarity_confidence, single),
+        None if result.region_confidence is None else to_array(result.region_confidence[:, 0], single),
     )
 
 

@@ -16,7 +16,7 @@ from ..runtime.pytorch import in_plain_mode
 from .arguments import MOST_SAMPLES, Objective, Search, check_descriptor, check_settings
 from .choices import QualityName
 from .preimage import search_preimages
-from .prior.learned import PriorChoice, as_priors
+from .prior.choice import PriorChoice, as_priors
 
 
 @dataclass(frozen=True, eq=False)

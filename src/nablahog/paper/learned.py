@@ -9,7 +9,7 @@ from typing import Any
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..invert.prior.learned import default_prior_file
+from ..invert.prior.choice import default_prior_file
 from ..invert.prior.training import PRIOR_LEARNER
 from ..io.images import limit_size
 from ..io.learned_model import load_once

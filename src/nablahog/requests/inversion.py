@@ -12,11 +12,12 @@ from .dialect import Dialect, presets_with
 from .options import SIZE, TEXT, integer, keywords, option, path
 
 if TYPE_CHECKING:
-    from ..invert.prior.learned import LearnedPrior, PriorChoice
+    from ..invert.prior.choice import PriorChoice
+    from ..invert.prior.learned import LearnedPrior
 
 LONGER_SIDE = 256  # pixels: the pre-image of such a photograph takes seconds
 MOST_SAMPLES = 64
-SURE_POLARITY = 0.8  # confidence below which the negative of an image is shown, too
+SURE = 0.8  # confidence below which the negative of an image is shown, too, and regions are drawn grayer
 DEFAULT, NO_PRIOR = "default", "none"
 _SHRINK = "shrink photographs to at most N pixels on the longer side; 0 keeps their size"
 _EXCLUDED = {
@@ -123,7 +124,7 @@ class InvertRequest(GlyphRequest):
             OSError, ValueError: the file cannot be read, or is for other descriptors.
             FileNotFoundError: the package was installed without its priors.
         """
-        from ..invert.prior.learned import default_prior_file, default_priors
+        from ..invert.prior.choice import default_prior_file, default_priors
 
         if self.template or self.method == "paper" or self.prior == NO_PRIOR:
             return None

@@ -147,6 +147,17 @@ def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
     return (a - b) / 2 + 0.5
 
 
+def fade_unsure(picture: Picture, confidence: Picture, sure: float) -> NDArray[np.float64]:
+    """A picture (H, W) in 0…1, the grayer the nearer the confidence (H, W) in its brightness is to 0.5.
+
+    It has its own contrast where the confidence is at least ``sure``, and its mean where it is at most 0.5.
+    """
+    image, chances = as_array(picture), as_array(confidence)
+    contrast = np.clip((chances - 0.5) / (sure - 0.5), 0, 1)
+    faded: NDArray[np.float64] = image.mean() + contrast * (image - image.mean())
+    return faded
+
+
 def outlined(picture: Picture, inside: NDArray[np.bool_]) -> NDArray[np.float64]:
     """A picture (1 or 3, H, W) in 0…1 as (3, H, W) with the outline of a region (H, W) in red, two pixels wide."""
     from scipy import ndimage  # a sixth of a second, which only poses need

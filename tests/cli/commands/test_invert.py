@@ -173,11 +173,14 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: p
     assert str(tmp_path / "demo" / "index.html") in capsys.readouterr().out
     parts = ("difference", "glyphs", "preimage", "thumbnails")
     pictures = [f"{name}_{part}.png" for name in ("paper", "uoctti") for part in parts]
-    assert names(tmp_path / "demo") == sorted([*pictures, "photograph.png", "figures.json", "index.html"])
+    unsure = ["paper_regions.png", "paper_samples.png"]
+    assert names(tmp_path / "demo") == sorted([*pictures, *unsure, "photograph.png", "figures.json", "index.html"])
     assert [row["descriptor"] for row in json.loads((tmp_path / "demo" / "figures.json").read_text())] == [
         "uoctti",
         "paper",
     ]
     html = (tmp_path / "demo" / "index.html").read_text()
-    assert html.count("data:image/png;base64,") == 2 + 8 + html.count('alt="The negative')  # if the prior is unsure
+    negatives = html.count('alt="The negative')  # if the prior is unsure
+    assert html.count("data:image/png;base64,") == 2 + 8 + 1 + demo.SAMPLES + negatives
+    assert "The rest is drawn grayer" in html
     assert "http" not in html

@@ -13,7 +13,7 @@ from PIL import Image
 import nablahog
 from nablahog import HOGSpec, presets
 from nablahog.cli.main import main
-from nablahog.invert.prior.learned import PriorChoice, default_prior_file
+from nablahog.invert.prior.choice import PriorChoice, default_prior_file
 from nablahog.io.descriptor_file import load_descriptor
 from nablahog.io.images import Picture, read_image, to_pil
 from nablahog.requests.dialect import PRESETS, make_spec

@@ -61,6 +61,9 @@ def test_unsigned_descriptors(
         assert sure is not None
         assert 0.5 <= sure <= 1
         assert ("or its negative" in page) == (f"cat.png ({sure:.0%} sure)" in out) == (sure < 0.8)
+        assert "gray where unsure" in page
+        assert "cat_regions.png" in names(tmp_path / name)
+    assert "cat_regions.png" not in names(tmp_path / "none")
 
 
 def test_an_installation_without_priors(
@@ -73,7 +76,7 @@ def test_an_installation_without_priors(
 ) -> None:
     without = _inverted(photo, tmp_path / "without", "--preset", "paper", "--prior", "none")
     capsys.readouterr()
-    monkeypatch.setattr("nablahog.invert.prior.learned.PRIOR_FOLDER", tmp_path)
+    monkeypatch.setattr("nablahog.invert.prior.choice.PRIOR_FOLDER", tmp_path)
     assert _inverted(photo, tmp_path / "missing", "--preset", "paper") == without
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")

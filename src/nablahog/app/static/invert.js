@@ -230,13 +230,9 @@ export class Invert {
     element("invert-said", HTMLElement).textContent = `Done: distance ${figure(done.distance)}.${known}` + (done.negative
       ? ` The descriptor hardly says what is dark and what is bright (confidence ${figure(done.polarity, 2)}): the negative fits almost as well.`
       : "");
-    const negative = element("negative", HTMLElement);
-    negative.hidden = !done.negative;
-    negative.replaceChildren();
-    if (done.negative) {
-      negative.append(make("img", { src: addressOf(done.negative), alt: "The negative of the pre-image" }),
-        make("figcaption", {}, "The negative"));
-    }
+    this.#showBeside("faded", done.faded, "The pre-image, gray where it is not sure what is bright",
+      "Gray where it is not sure what is bright");
+    this.#showBeside("negative", done.negative, "The negative of the pre-image", "The negative");
     this.#showWipe(photograph, done.image);
     const definitions = Object.entries(done.definitions).filter(([name]) => name in done);
     element("definitions", HTMLElement).hidden = !definitions.length;
@@ -244,6 +240,19 @@ export class Invert {
       ...definitions.flatMap(([name, text]) => [make("dt", {}, name.toUpperCase()), make("dd", {}, text)]));
     showSnippets(element("invert-snippets", HTMLElement), done.snippets, this.app.source.sample);
     element("invert-result", HTMLElement).hidden = false;
+  }
+
+  /**
+   * @param {string} id of the figure
+   * @param {string | null} picture
+   * @param {string} alt
+   * @param {string} caption
+   */
+  #showBeside(id, picture, alt, caption) {
+    const beside = element(id, HTMLElement);
+    beside.hidden = !picture;
+    beside.replaceChildren();
+    if (picture) beside.append(make("img", { src: addressOf(picture), alt }), make("figcaption", {}, caption));
   }
 
   /**

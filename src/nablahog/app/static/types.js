@@ -32,8 +32,8 @@
  * @typedef {{evaluations: number, most: number | null, distance: number, cc: number | null, ssim: number | null,
  *   image: string}} InvertFrame
  * @typedef {{image: string, id: string, distance: number, cc: number | null, mi: number | null, ssim: number | null,
- *   psnr: number | null, polarity: number | null, negative: string | null, evaluations: number, stop_reason: string,
- *   seconds: number, history: number[], snippets: Snippets, definitions: {[name: string]: string}}} InvertDone
+ *   psnr: number | null, polarity: number | null, negative: string | null, faded: string | null, evaluations: number,
+ *   stop_reason: string, seconds: number, history: number[], snippets: Snippets, definitions: {[name: string]: string}}} InvertDone
  *
  * @typedef {{svg: string, description: string, across: number[]}} SimilarityChart across: shares of its width, of 0° and 360°
  * @typedef {number[]} Pose azimuth, elevation, distance, theta, x, y

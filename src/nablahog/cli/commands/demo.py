@@ -27,20 +27,23 @@ LEAD = (
     "Each image was found from a HOG descriptor alone. The photograph is not an input of the inversion; it is shown "
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
-    "paper's has unsigned gradients, which are the same for a region and its negative: a learned prior decides which "
-    "regions are bright. It also supplies the details of both images."
+    "paper's has unsigned gradients, which are the same for a region and its negative, so a learned prior has to guess "
+    "which regions are bright: see how it draws gray what it is unsure of, and three other guesses. It also supplies "
+    "the details of all images."
 )
+SAMPLES = 3  # guesses, of the descriptor that leaves the signs of regions open
 REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and comes with scikit-image."
 
 
 def demo(arguments: Namespace) -> None:
     """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
-    request, photo = InvertRequest(), limit_size(sample_photograph("astronaut"), DEMO_SIZE)
+    photo = limit_size(sample_photograph("astronaut"), DEMO_SIZE)
     with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
         inversions = []
         for name in DESCRIPTORS:
             source = from_photo("astronaut", name, photo, PRESETS[name](), size=0)
             progress_of = partial(progress, what=name)
+            request = InvertRequest(samples=None if source.spec.signed else SAMPLES)
             inversions += invert_batch([source], request, device=torch.device("cpu"), progress=progress_of)
         _write(folder, photo, inversions)
     print_table([inversion.terminal_row() for inversion in inversions])

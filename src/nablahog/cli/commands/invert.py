@@ -42,7 +42,13 @@ NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
 WRITE_INTERVAL = 10.0  # seconds after which results.json is written again
 
-_STORED = ("measures", "stop_reason", "polarity", "agreement")  # fields of an inversion that are not pictures
+_STORED = (
+    "measures",
+    "stop_reason",
+    "polarity",
+    "sure_regions",
+    "agreement",
+)  # fields of an inversion that are not pictures
 
 
 def invert(arguments: Namespace) -> int:
@@ -213,13 +219,14 @@ class InversionJob:
         return [] if self.request.prior_file is None else [self.request.prior_file]
 
     def run(self) -> JobResult:
-        """Inverts the descriptor: the pictures are the pre-image, the iterates and the samples, float32."""
+        """Inverts the descriptor: the pictures are pre-image, iterates, samples and region confidence, float32."""
         request, file = self.request, self.request.prior_file
         if file is not None:
             request = replace(request, prior=str(local_path(file)))
         [result] = invert_batch([self.source], request, device=torch.device("cpu"))
         samples = [] if result.samples is None else list(result.samples)
-        pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples)])
+        regions = [] if result.regions is None else [result.regions]
+        pictures = np.stack([each.numpy() for each in (result.preimage, *result.iterates.values(), *samples, *regions)])
         figures = {name: getattr(result, name) for name in _STORED}
         figures |= {"iterates": list(result.iterates), "samples": len(samples)}
         return JobResult([figures], pictures, result.seconds)
@@ -227,7 +234,7 @@ class InversionJob:
     def fits(self, result: JobResult) -> bool:
         """Whether there are as many pictures as the figures say, of the image's size."""
         figures, pictures = result.figures[0], result.pictures
-        count = 1 + len(figures["iterates"]) + figures["samples"]
+        count = 1 + len(figures["iterates"]) + figures["samples"] + (figures["sure_regions"] is not None)
         whole = len(pictures) == count and pictures.shape[-2:] == self.source.image_size
         return bool(whole and pictures.dtype == np.float32)
 
@@ -235,12 +242,13 @@ class InversionJob:
         """The inversion that :meth:`run` has computed."""
         figures, pictures = result.figures[0], torch.from_numpy(result.pictures)
         samples_from = 1 + len(figures["iterates"])
-        samples = pictures[samples_from:]
+        samples = pictures[samples_from : samples_from + figures["samples"]]
         return Inversion(
             self.source,
             pictures[0],
             seconds=result.seconds,
             iterates=dict(zip(figures["iterates"], pictures[1:samples_from], strict=True)),
+            regions=None if figures["sure_regions"] is None else pictures[-1],
             samples=samples if len(samples) else None,
             **{name: figures[name] for name in _STORED},
         )

@@ -15,16 +15,16 @@ from PIL import Image
 from torch import Tensor
 
 from ...invert import AsPublished, reconstruct, reconstruct_samples
-from ...invert.prior.learned import PriorChoice
+from ...invert.prior.choice import PriorChoice
 from ...invert.template import reconstruct_template
 from ...io.images import Picture, write_image
 from ...metrics import MEASURES
-from ...requests.inversion import SURE_POLARITY, InvertRequest
+from ...requests.inversion import SURE, InvertRequest
 from ...requests.sources import Source
-from ...viz.pictures import Panel, contact_sheet, difference, glyphs
+from ...viz.pictures import Panel, contact_sheet, difference, fade_unsure, glyphs
 from ..terminal import inform
 
-PICTURES = ("preimage", "glyphs", "thumbnails", "iterations", "samples")
+PICTURES = ("preimage", "glyphs", "thumbnails", "regions", "iterations", "samples")
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
@@ -39,8 +39,11 @@ class Inversion:
             :data:`nablahog.metrics.DEFINITIONS`; None where the photograph is not known or the measure is not finite.
         seconds: the source's share of the time of its batch.
         iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
-        polarity: the learned prior's probability that the pre-image is not a negative; None for signed descriptors,
-            for templates, and without a prior.
+        polarity: the learned prior's probability that the pre-image as a whole is not a negative; None for signed
+            descriptors, for templates, and without a prior.
+        sure_regions: the share of pixels of which the prior is sure whether the region around them is bright or dark;
+            None as before.
+        regions: (H, W) in 0…1, its probability that they are rightly bright or dark; None as before.
         samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
     """
@@ -52,6 +55,8 @@ class Inversion:
     stop_reason: str
     iterates: Mapping[int, Tensor] = field(default_factory=dict)
     polarity: float | None = None
+    sure_regions: float | None = None
+    regions: Tensor | None = None
     samples: Tensor | None = None
     agreement: float | None = None
 
@@ -62,6 +67,7 @@ class Inversion:
             "descriptor": self.source.spec.name,
             **{name.lower(): value for name, value in self.measures.items()},
             "polarity": self.polarity,
+            "sure_regions": self.sure_regions,
             "agreement": self.agreement,
             "seconds": round(self.seconds, 4),
             "stop_reason": self.stop_reason,
@@ -88,7 +94,7 @@ class Inversion:
     @property
     def unsure(self) -> bool:
         """Whether the pre-image may as well be a negative."""
-        return self.polarity is not None and self.polarity < SURE_POLARITY
+        return self.polarity is not None and self.polarity < SURE
 
     def panels(self) -> list[Panel]:
         """The pictures to show side by side: photograph and difference only where the photograph is known."""
@@ -101,6 +107,9 @@ class Inversion:
             odds = "" if self.polarity is None else f", {1 - self.polarity:.0%}"
             negative = f"The negative of the image found from the HOG of {of}, which has the same HOG"
             drawn.append(Panel(1 - self.preimage, f"or its negative{odds}", negative))
+        if self.faded is not None:
+            gray = f"The same image, the grayer the less the prior knows whether a region of {of} is bright or dark"
+            drawn.insert(2, Panel(self.faded, "gray where unsure", gray))
         if photo is None or self.source.gray_photo is None:
             return drawn
         apart = difference(self.preimage, self.source.gray_photo)
@@ -122,7 +131,7 @@ class Inversion:
     def without_pictures(self) -> Inversion:
         """A copy with the figures alone, which takes little memory."""
         source = replace(self.source, descriptor=self.source.descriptor[:0], photo=None)
-        return replace(self, source=source, preimage=self.preimage[:0], iterates={}, samples=None)
+        return replace(self, source=source, preimage=self.preimage[:0], regions=None, iterates={}, samples=None)
 
     @property
     def panel(self) -> Panel:
@@ -133,12 +142,19 @@ class Inversion:
         """The glyphs of the input descriptor, or of the positive weights of a template."""
         return glyphs(self.source.descriptor.clamp(min=0), self.source.spec)
 
+    @cached_property
+    def faded(self) -> NDArray[Any] | None:
+        """The pre-image, gray where it is not known what is bright; None as ``regions``."""
+        return None if self.regions is None else fade_unsure(self.preimage, self.regions, SURE)
+
     def write(self, folder: Path) -> None:
-        """Writes a picture for each of :data:`PICTURES`; the last two only if there are iterates, and samples."""
+        """Writes a picture for each of :data:`PICTURES`; the last three only if the inversion has them."""
         # all are drawn before any is written
         rows = {"thumbnails": self.panels(), "iterations": self._first_and_last(), "samples": self.sampled()}
         sheets = {what: contact_sheet([panels]) for what, panels in rows.items() if panels}
         pictures: dict[str, Picture | Image.Image] = {"preimage": self.preimage, "glyphs": self.glyphs, **sheets}
+        if self.faded is not None:
+            pictures["regions"] = self.faded
         for what, picture in pictures.items():
             write_image(folder / picture_name(self.source, what), picture)
 
@@ -192,7 +208,7 @@ def invert_batch(
     drawn = None
     if request.samples is not None and prior is not None and result.polarity_confidence is not None:
         drawn = reconstruct_samples(descriptors, spec, image_size, count=request.samples, **asked)
-    polarity = result.polarity_confidence
+    polarity, confidences = result.polarity_confidence, result.region_confidence
     inversions = []
     for index, source in enumerate(sources):
         preimage = result.image[index, 0].detach().float().cpu()
@@ -205,6 +221,8 @@ def invert_batch(
             str(result.stop_reason[index]),
             {k: kept[k] for k in sorted({0, 1, 2, len(kept) - 1}) if 0 <= k < len(kept)},
             None if polarity is None else round(float(polarity[index]), 4),
+            None if confidences is None else round(float((confidences[index] >= SURE).double().mean()), 4),
+            None if confidences is None else confidences[index, 0].float().cpu(),
             None if drawn is None else drawn.image[index, :, 0].float().cpu(),
             None if drawn is None else round(float(drawn.agreement[index]), 4),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ...metrics import DEFINITIONS
+from ...requests.inversion import SURE
 from ...viz import html
 from ...viz.pictures import Panel
 from .inversion import Inversion
@@ -24,8 +25,12 @@ TEMPLATES = (
     "is as good."
 )
 POLARITY = (
-    "Probability, by the learned prior, that the pre-image is not a negative. There is none without a prior, or for "
-    "descriptors that tell bright from dark."
+    "Probability, by the learned prior, that the pre-image as a whole is not a negative; single regions may be wrong "
+    "all the same. There is none without a prior, or for descriptors that tell bright from dark."
+)
+REGIONS = (
+    "Opposite gradients share a bin, so the descriptor hardly tells what is bright: of {share:.0%} of the image the "
+    f"prior is sure (at least {SURE:.0%}) whether it is brighter or darker than the mean. The rest is drawn grayer."
 )
 SAMPLES = "Agreement of the samples, the mean magnitude of their pairwise correlations"
 SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
@@ -72,10 +77,11 @@ def _first(inversions: Sequence[Inversion]) -> html.Section | None:
 def _section(inversion: Inversion) -> html.Section:
     source = inversion.source
     numbers = " x ".join(map(str, source.descriptor.shape))
-    agreement = inversion.agreement
+    agreement, regions = inversion.agreement, inversion.sure_regions
     samples = "" if agreement is None else f" {SAMPLES}: {agreement:.2f}."
+    unsure = "" if regions is None else f" {REGIONS.format(share=regions)}"
     return html.Section(
         f"{source.name}, {source.spec.name}",
-        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.{samples}",
+        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.{unsure}{samples}",
         [*inversion.panels(), *inversion.sampled()[1:]],
     )

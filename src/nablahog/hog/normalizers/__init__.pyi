@@ -9,4 +9,9 @@ from .base import (
 from .block import BlockNorm as BlockNorm
 from .four_block import FourBlockNorm as FourBlockNorm
 from .per_cell import CellNorm as CellNorm, GlobalNorm as GlobalNorm, PerCell as PerCell
-from .unclip import solve_clipped as solve_clipped, sum_over_blocks as sum_over_blocks, unclip as unclip
+from .unclip import (
+    solve_clipped as solve_clipped,
+    sum_over_blocks as sum_over_blocks,
+    unclip as unclip,
+    unclip_exactly as unclip_exactly,
+)

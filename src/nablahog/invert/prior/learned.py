@@ -1,13 +1,11 @@
-"""Learned priors: the image that a network expects for a descriptor, and the priors that come with the package."""
+"""Learned priors: the image that a network expects for a descriptor, and how sure its bright side is."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+from functools import cached_property
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -15,7 +13,7 @@ from torch import Tensor
 from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...inputs.arrays import as_unit_range
-from ...inputs.numbers import as_integer, as_seed, as_size, shortened
+from ...inputs.numbers import as_integer, as_seed, as_size
 from ...inputs.tensors import check_finite, check_shape
 from ...io.learned_model import SPEC, TENSOR, LearnedModel, account, build_network, check_weights, integers
 from ...runtime.pytorch import by_image
@@ -23,11 +21,20 @@ from ..arguments import MOST_SAMPLES, check_descriptor
 from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
+from .confidence import (
+    DRAW_SEED,
+    DRAWS,
+    Calibration,
+    Confidence,
+    Evidence,
+    check_calibration,
+    compare_regions,
+    smooth_regions,
+)
 from .provenance import NetworkLearning
 from .signed_network import TRAINING_CELLS, Architecture, PriorNetwork, SignedNetwork
 from .unsigned_network import UnsignedNetwork
 
-PRIOR_FOLDER = Path(__file__).with_name("default_priors")  # see its README.md
 SMALL_CELL_PIXELS = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 
@@ -78,11 +85,17 @@ class LearnedPrior(LearnedModel):
     def __post_init__(self) -> None:
         network_class(self.spec).check(self.architecture)
         check_weights(self.weights, self._make)
+        check_calibration(self.learning.calibration)
 
     @cached_property
     def signed(self) -> bool:
         """Whether it is for signed descriptors."""
         return linear_vote_spec(self.spec).signed
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The numbers that make probabilities of the network's log-odds; the log-odds' own where it has none."""
+        return Calibration(*self.learning.calibration)
 
     @property
     def summary(self) -> str:
@@ -147,15 +160,17 @@ class LearnedPrior(LearnedModel):
         network, linear_spec, size, histograms = self._prepare(descriptor, as_spec(spec), image_size)
         if not isinstance(network, UnsignedNetwork):
             raise ValueError("samples need a prior for unsigned descriptors, got one for signed descriptors")
-        draws = by_image(lambda cells: network.draw(cells, linear_spec, size, count, seed), histograms)
+        polarity = self.calibration.polarity
+        draws = by_image(lambda cells: network.draw(cells, linear_spec, size, count, seed, polarity), histograms)
         images = match_contrast(draws, histograms.repeat_interleave(count, dim=0), linear_spec)
         return images.to(descriptor.dtype).reshape(-1, count, 1, *size)
 
-    @torch.no_grad()
     def polarity_confidence(
         self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
     ) -> Tensor:
-        """The probability that images with unsigned descriptors are not negatives.
+        """The probability that images with unsigned descriptors are not negatives, each as a whole.
+
+        It says nothing of single regions, see :meth:`region_confidence`.
 
         Args:
             images: (B, 1, H, W), of any contrast, floats or uint8.
@@ -169,6 +184,44 @@ class LearnedPrior(LearnedModel):
         Raises:
             TypeError, ValueError: as :meth:`expected`.
         """
+        return self.confidence(images, descriptor, spec, histograms).polarity
+
+    def region_confidence(
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
+    ) -> Tensor:
+        """The probability of each region of such images that it is rightly brighter or darker than its image's mean.
+
+        A region is what a Gaussian of 8 pixels sees around a pixel.  It is sure where random predictions of the network
+        have the same sign as the image, as far as the sign of the whole image is sure.
+
+        Args:
+            images, descriptor, spec, histograms: as for :meth:`polarity_confidence`.
+
+        Returns:
+            (B, 1, H, W) in 0…1; an image and its negative sum to 1.  1 for signed descriptors.
+
+        Raises:
+            TypeError, ValueError: as :meth:`expected`.
+        """
+        return self.confidence(images, descriptor, spec, histograms).regions
+
+    @torch.no_grad()
+    def confidence(
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
+    ) -> Confidence:
+        """:meth:`polarity_confidence` and :meth:`region_confidence`, for little more than one of them."""
+        evidence = self.gather_evidence(images, descriptor, spec, histograms)
+        if evidence is None:
+            return Confidence(descriptor.new_ones(len(descriptor)), descriptor.new_ones(images.shape))
+        polarity = self.calibration.polarity(evidence.log_odds)
+        regions = self.calibration.regions(evidence, polarity, (images.shape[2], images.shape[3]))
+        return Confidence(polarity.to(descriptor.dtype), regions.to(descriptor.dtype))
+
+    @torch.no_grad()
+    def gather_evidence(
+        self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
+    ) -> Evidence | None:
+        """What speaks for the signs of images, as for :meth:`polarity_confidence`; None for signed descriptors."""
         images, _ = as_unit_range("images", images)
         check_shape("images", images, ("B", 1, "H", "W"))
         size = (images.shape[2], images.shape[3])
@@ -177,11 +230,14 @@ class LearnedPrior(LearnedModel):
             raise ValueError(f"there must be one image for each of {len(descriptor)} descriptors, got {len(images)}")
         check_finite("images", images)
         if not isinstance(network, UnsignedNetwork):
-            return descriptor.new_ones(len(descriptor))
-        confidence = by_image(
-            lambda image, cells: network.polarity_confidence(image, cells, linear_spec), images.float(), histograms
-        )
-        return confidence.to(descriptor.dtype)
+            return None
+        evidence = []
+        for k in range(len(images)):
+            image, cells = images[k : k + 1].float(), histograms[k : k + 1]
+            largest = network.largest_cells(network.rebin(cells, linear_spec, size))
+            draws = network.draw_regions(largest, DRAWS, DRAW_SEED)
+            evidence.append(Evidence(network.log_odds(image, largest), compare_regions(smooth_regions(image), draws)))
+        return Evidence(*map(torch.cat, zip(*evidence, strict=True)))
 
     def _prepare(
         self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int], histograms: Tensor | None = None
@@ -217,86 +273,3 @@ def _add_integral(images: Tensor, histograms: Tensor, spec: HOGSpec) -> Tensor:
     sigma = side * max(1.0, (side / SMALL_CELL_PIXELS) ** 3 * min(1.0, TRAINING_CELLS / (max(height, width) / side)))
     integrals = starting_images(histograms, spec, height, width, 1, 0, spread=0.0)[:, 0]
     return images + low_pass(integrals - images, sigma)
-
-
-PriorChoice: TypeAlias = LearnedPrior | Sequence[LearnedPrior] | Literal["default"] | None
-"""A prior; one for unsigned descriptors and one for signed ones; those that come with the package; or none."""
-
-
-class Priors(NamedTuple):
-    """The prior for a reconstruction's descriptors; if these are unsigned, also one for signed ones, for details."""
-
-    prior: LearnedPrior
-    details: LearnedPrior | None = None
-
-
-def as_priors(prior: PriorChoice, spec: HOGSpec, *, by_default: bool = True) -> Priors | None:
-    """The chosen priors for descriptors of ``spec``; ValueError if a list has none for these, or several.
-
-    Without ``by_default``, "default" means none.
-    """
-    if isinstance(prior, str) and prior == "default":
-        prior = default_priors(spec) if by_default else None
-    if prior is None:
-        return None
-    if isinstance(prior, LearnedPrior):
-        return Priors(prior)
-    if not isinstance(prior, list | tuple) or not all(isinstance(item, LearnedPrior) for item in prior):
-        raise TypeError(f"prior must be a LearnedPrior, a list of these, 'default' or None, got {shortened(prior)}")
-    signed = linear_vote_spec(spec).signed
-    by_signs = {item.signed: item for item in prior if isinstance(item, LearnedPrior)}
-    if signed not in by_signs or len(by_signs) < len(prior):
-        kind = "signed" if signed else "unsigned"
-        raise ValueError(
-            f"expected one prior for {kind} descriptors, and at most one for others, got {shortened(prior)}"
-        )
-    return Priors(by_signs[signed], None if signed else by_signs.get(True))
-
-
-def default_prior_file(spec: HOGSpec | str) -> Path | None:
-    """The file of the package's prior for descriptors of ``spec``; None if these cannot be inverted."""
-    try:
-        signed = linear_vote_spec(as_spec(spec)).signed
-    except ValueError:
-        return None
-    return PRIOR_FOLDER / ("signed.npz" if signed else "unsigned.npz")
-
-
-def default_prior(spec: HOGSpec | str) -> LearnedPrior:
-    """The prior that comes with the package for descriptors of ``spec``.
-
-    Args:
-        spec: the dialect, or the name of a preset with its defaults.
-
-    Raises:
-        ValueError: there is no such preset, or no prior for it.
-        FileNotFoundError: the package was installed without its priors.
-
-    >>> prior = nablahog.invert.default_prior("uoctti")
-    >>> prior.signed
-    True
-    >>> descriptor = nablahog.hog(torch.rand(1, 1, 32, 32), "uoctti")
-    >>> prior.expected(descriptor, nablahog.presets.uoctti(), (32, 32)).shape
-    torch.Size([1, 1, 32, 32])
-    """
-    spec = as_spec(spec)
-    file = default_prior_file(spec)
-    if file is None:
-        raise ValueError(f"no prior for {spec.named} descriptor comes with the package: give another `prior`, or none")
-    return _load(file)
-
-
-def default_priors(spec: HOGSpec | str) -> list[LearnedPrior]:
-    """The package's priors for descriptors of ``spec``: for unsigned ones also the signed prior, for details."""
-    prior = default_prior(spec)
-    return [prior] if prior.signed else [prior, _load(PRIOR_FOLDER / "signed.npz")]
-
-
-@lru_cache(maxsize=2)  # they are parts of the package, and do not change
-def _load(file: Path) -> LearnedPrior:
-    if not file.exists():
-        raise FileNotFoundError(
-            f"this installation of nablahog has no {file.name}, the prior for {file.stem} descriptors: install a wheel "
-            "that has it, learn one (nablahog learn prior), or do without (`prior` none)"
-        )
-    return LearnedPrior.load(file)

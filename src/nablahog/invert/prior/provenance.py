@@ -36,12 +36,16 @@ class NetworkLearning(Learning):
         losses: the mean loss of each epoch.
         start: SHA-256 of the initial weights, hexadecimal; empty if these were random.
         precision: the precision of its convolutions and matrix products.
+        calibration: the numbers of its :class:`.confidence.Calibration`; empty if nothing was calibrated.
+        calibrated_on: the names of the photographs that these were fitted to, none of which it was trained on.
     """
 
     epochs: int
     losses: tuple[float, ...]
     start: str = ""
     precision: str = "float32"
+    calibration: tuple[float, ...] = ()
+    calibrated_on: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:

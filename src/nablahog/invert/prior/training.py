@@ -27,6 +27,7 @@ from ...io.learned_model import build_network, flatten_all, fold_statistics, unf
 from ...io.learner import Learner
 from ...runtime.pytorch import in_float32, in_plain_mode, seeded
 from ..histograms import linear_vote_spec
+from .calibration import calibrate
 from .learned import LearnedPrior, network_class
 from .provenance import NetworkLearning, digest_of_images, digest_of_weights
 from .signed_network import Architecture
@@ -69,7 +70,9 @@ def train_prior(
 
     It predicts random windows, up to brightness and contrast: for signed descriptors pixel by pixel, for unsigned ones
     their regions (:mod:`.training_windows`).  A prior for one signed dialect is for all signed dialects; the same holds
-    for unsigned ones.  One image in 25, in the order of their names, is held out.
+    for unsigned ones.  One folder in 25 is held out, in the order of their names, or one image in 25 if there are fewer
+    folders.  Of unsigned descriptors these calibrate how sure the prior is: photographs of one folder are alike, so
+    only other folders show how sure it may be.
 
     The result depends only on the images, whether the spec is signed, epochs, seed, architecture and precision, as long
     as PyTorch, its number of threads and the device stay the same.
@@ -152,7 +155,8 @@ def train_prior(
         start=start_digest,
         precision=precision,
     )
-    return LearnedPrior(spec, architecture, weights.half(), learning)
+    prior = LearnedPrior(spec, architecture, weights.half(), learning)
+    return prior if prior.signed else calibrate(prior, training.held_out)
 
 
 PRIOR_LEARNER = Learner(
@@ -211,7 +215,6 @@ def _fit(
             with replacing(checkpoint) as file:
                 torch.save({"identity": dict(identity), "losses": losses, **states}, file)
     fold_statistics(network.eval())
-    training.calibrate(network)
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
     return flatten_all(network.parameters()), losses
 

@@ -22,9 +22,8 @@ from .signed_network import CELL_PIXELS, TRAINING_CELLS, SignedNetwork, network_
 from .unsigned_network import MAX_FIRST_CELLS, PIXELS_PER_CELL, UnsignedNetwork, align_sign, normalise
 
 WINDOWS_PER_BATCH = 32  # windows of at most :data:`TRAINING_CELLS` cells a side; of larger ones fewer
-HELD_OUT = 25  # one image of 25 is held out from training
+HELD_OUT = 25  # one folder of 25 is held out from training, or one image where there are fewer folders
 LEAST_WINDOW_STD = 0.02  # standard deviation in 0…1; windows below it have less weight
-LEAST_HELD_OUT = 8  # held-out images needed to calibrate the confidence
 
 SHRUNK_SHARE = 0.5  # share of signed windows that are shrunk, where photographs are large enough
 SSIM_WEIGHT = 0.5  # weight of 1 - SSIM beside the mean square error
@@ -62,10 +61,10 @@ class WindowTraining(ABC):
         in_folder = Counter(folders)
         sides = [math.sqrt(image.numel()) for image in images.values()]
         chances = [math.sqrt(side / in_folder[folder]) for side, folder in zip(sides, folders, strict=True)]
-        drawn = list(zip(images.values(), chances, strict=True))
-        self.held_out = drawn[HELD_OUT // 2 :: HELD_OUT]
-        trained = [image for k, image in enumerate(drawn) if k % HELD_OUT != HELD_OUT // 2]
-        self.images, self.chances = [image for image, _ in trained], [chance for _, chance in trained]
+        held_out = _choose_held_out(list(images), folders)
+        self.held_out = {name: image for name, image in images.items() if name in held_out}
+        drawn = [(images[name], chance) for name, chance in zip(images, chances, strict=True) if name not in held_out]
+        self.images, self.chances = [image for image, _ in drawn], [chance for _, chance in drawn]
         self.seed = seed
         self.steps = max(1, len(self.images) // WINDOWS_PER_BATCH)
         self.crops = self.steps * min(WINDOWS_PER_BATCH, len(self.images))
@@ -73,10 +72,6 @@ class WindowTraining(ABC):
     @abstractmethod
     def loss(self, network: Any, batch: Any) -> Tensor:
         """The loss of the network for one batch, the mean over its windows."""
-
-    def calibrate(self, network: Any) -> None:
-        """Calibrates the confidence of the trained network on the images held out; by default it has none."""
-        return
 
     def batches(self, epoch: int) -> Iterator[Any]:
         """The batches of an epoch, NamedTuples of tensors."""
@@ -114,6 +109,15 @@ class WindowTraining(ABC):
         window = resize(image[top : top + rows, left : left + cols], height, width)
         window = window ** math.exp(rng.uniform(-self.gamma, self.gamma))
         return window.flip(3) if rng.random() < 0.5 else window
+
+
+def _choose_held_out(names: Sequence[str], folders: Sequence[PurePosixPath]) -> set[str]:
+    """The names of the images to hold out: whole folders, because images of one kind are alike."""
+    kinds = sorted(set(folders))
+    if len(kinds) < HELD_OUT:
+        return set(names[HELD_OUT // 2 :: HELD_OUT])
+    chosen = set(kinds[HELD_OUT // 2 :: HELD_OUT])
+    return {name for name, folder in zip(names, folders, strict=True) if folder in chosen}
 
 
 class _SignedBatch(NamedTuple):
@@ -234,28 +238,6 @@ class UnsignedTraining(WindowTraining):
         odds = network.polarity(histograms, predicted, normalise(share * images + (1 - share) * predicted))
         return torch.minimum(positive_error, negative_error).mean() - logsigmoid(odds).mean()
 
-    @torch.no_grad()
-    def calibrate(self, network: UnsignedNetwork) -> None:
-        """Scales the log-odds of the polarity to maximise the likelihood of the images held out."""
-        if len(self.held_out) < LEAST_HELD_OUT:
-            return
-        specs = (PAPER, OPENCV)
-        odds = torch.stack([self._odds(network, image, spec) for image, _ in self.held_out for spec in specs])
-        chances = odds.new_tensor([chance for _, chance in self.held_out for _ in specs])
-        factors = torch.logspace(-1, 1, 201, dtype=odds.dtype)
-        likelihood = chances @ logsigmoid(odds[:, :, None] * factors).mean(dim=1)
-        network.polarity.out.weight.mul_(float(factors[likelihood.argmax()]))
-
-    def _odds(self, network: UnsignedNetwork, image: Tensor, spec: HOGSpec) -> Tensor:
-        """(2,): log-odds of the prediction for a whole image, with the right sign, and of the image itself."""
-        window, device = _resize_whole(image), network.polarity.out.weight.device
-        histograms, target = (
-            tensor.to(device) for tensor in (self._compute_histograms(window, spec), _make_target(window))
-        )
-        largest = network.largest_cells(histograms)
-        predicted = align_sign(largest.regions, target)
-        return torch.cat([network.log_odds(shown, largest) for shown in (predicted, target)]).cpu()
-
 
 def _turn(windows: Tensor, rng: random.Random) -> Tensor:
     """Windows (B, 1, H, W), some of them rotated and stretched, and mirrored at their borders."""
@@ -278,7 +260,7 @@ def _make_target(windows: Tensor) -> Tensor:
     return small / windows.std(dim=(2, 3), keepdim=True, correction=0).clamp(min=LEAST_WINDOW_STD)
 
 
-def _resize_whole(image: Tensor) -> Tensor:
+def resize_whole(image: Tensor) -> Tensor:
     """A whole image (H, W), resized to at most :data:`TRAINING_CELLS` cells a side, (1, 1, 8R, 8C)."""
     shrink = TRAINING_CELLS * CELL_PIXELS / max(image.shape)
     size = [max(2, round(n * shrink / CELL_PIXELS / 4)) * 4 * CELL_PIXELS for n in image.shape]

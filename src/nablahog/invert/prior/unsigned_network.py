@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -192,29 +193,43 @@ class UnsignedNetwork(PriorNetwork):
         images = torch.where(self.log_odds(regions, largest).reshape(-1, 1, 1, 1) < 0, -regions, regions)
         return interpolate(images, size=size, mode="bicubic", align_corners=False)
 
-    def draw(self, histograms: Tensor, spec: HOGSpec, size: tuple[int, int], count: int, seed: int) -> Tensor:
-        """Random possible images (B · count, 1, H, W), as :meth:`predict`."""
-        images = [self._draw(cells.unsqueeze(0), count, seed) for cells in self.rebin(histograms, spec, size)]
+    def draw(
+        self,
+        histograms: Tensor,
+        spec: HOGSpec,
+        size: tuple[int, int],
+        count: int,
+        seed: int,
+        polarity: Callable[[Tensor], Tensor],
+    ) -> Tensor:
+        """Random possible images (B · count, 1, H, W), as :meth:`predict`.
+
+        ``polarity`` makes probabilities of log-odds (count,).
+        """
+        images = []
+        for cells in self.rebin(histograms, spec, size):
+            generator = torch.Generator(cells.device).manual_seed(seed)
+            network, inputs = self._with_dropout(generator), cells.expand(count, -1, -1, -1)
+            largest = network.largest_cells(inputs)
+            regions = network.predict_regions(inputs, largest)
+            likely = polarity(self.log_odds(regions, largest))
+            chances = torch.empty_like(likely).uniform_(generator=generator)
+            is_positive = (chances < likely).reshape(-1, 1, 1, 1)
+            images.append(torch.where(is_positive, regions, -regions))
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False)
 
-    def _draw(self, inputs: Tensor, count: int, seed: int) -> Tensor:
-        """Images (count, 1, 2R, 2C) for histograms (1, 9, R, C) of a descriptor, each with other channels dropped."""
-        network, generator = copy.deepcopy(self), torch.Generator(inputs.device).manual_seed(seed)
+    def draw_regions(self, largest: LargestCells, count: int, seed: int) -> Tensor:
+        """Random possible regions (1, count, 2R, 2C), each up to its sign, for what was seen at first of one image."""
+        network = self._with_dropout(torch.Generator(largest.histograms.device).manual_seed(seed))
+        return network.largest_cells(largest.histograms.expand(count, -1, -1, -1)).regions.transpose(0, 1)
+
+    def _with_dropout(self, generator: torch.Generator) -> UnsignedNetwork:
+        """A network of the same weights that drops channels, others for each image of a batch."""
+        network = copy.deepcopy(self, {id(weight): weight for weight in self.parameters()})
         for name, layer in list(network.named_modules()):
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
                 network.set_submodule(name, _Draw(layer, generator))
-        inputs = inputs.expand(count, -1, -1, -1)
-        largest = network.largest_cells(inputs)
-        regions = network.predict_regions(inputs, largest)
-        likely = torch.sigmoid(self.log_odds(regions, largest))
-        chances = torch.empty_like(likely).uniform_(generator=generator)
-        is_positive = (chances < likely).reshape(-1, 1, 1, 1)
-        return torch.where(is_positive, regions, -regions)
-
-    def polarity_confidence(self, images: Tensor, histograms: Tensor, spec: HOGSpec) -> Tensor:
-        """The probabilities (B,) that images (B, 1, H, W) with the histograms are not negatives."""
-        inputs = self.rebin(histograms, spec, (images.shape[2], images.shape[3]))
-        return torch.sigmoid(self.log_odds(images, self.largest_cells(inputs)))
+        return network
 
     def largest_cells(self, histograms: Tensor) -> LargestCells:
         """What is seen at first, in cells so large that they are at most :data:`MAX_FIRST_CELLS` along a side."""
