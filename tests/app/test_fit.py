@@ -14,6 +14,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog.app.fit import Fitting
+from nablahog.pose import result
 
 from .conftest import HOST, documented_fields
 
@@ -36,7 +37,8 @@ def until(socket: Any, *kinds: str) -> list[dict[str, Any]]:
     return answers
 
 
-def test_it_is_turned_and_fitted(client: TestClient) -> None:
+def test_it_is_turned_and_fitted(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(result, "SECOND_CONFIDENCE", -1.0)  # any runner-up is a second answer
     with client.websocket_connect(FIT) as socket:
         socket.send_json({"type": "open", **SCENE, "box": box(client)})
         (ready,) = until(socket, "ready")
@@ -64,8 +66,12 @@ def test_it_is_turned_and_fitted(client: TestClient) -> None:
         assert {answer["type"] for answer in answers[:-1]} == {"progress", "step"}
         assert abs(fitted["pose"][0] - TRUE) < 5
         assert abs(fitted["result"]["azimuth"] - TRUE) < 10  # for the middle of the photograph
-        overlay = Image.open(io.BytesIO(base64.b64decode(fitted["overlay"])))
-        assert overlay.size == (224, 224)
+        assert fitted["result"]["second"] == max(fitted["result"]["runners_up"], key=lambda rival: rival["confidence"])
+        first, second = (
+            Image.open(io.BytesIO(base64.b64decode(fitted[name]))) for name in ("overlay", "second_overlay")
+        )
+        assert first.size == second.size == (224, 224)
+        assert first.tobytes() != second.tobytes()
 
 
 def test_only_the_newest_pose_is_answered(client: TestClient) -> None:

@@ -77,8 +77,9 @@ class PoseEstimate(PoseGeometry):
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.
         covariance: (6, 6), float64, of :attr:`pose`, in degrees, units of the mesh and pixels, if the pose is the right
             one, see :mod:`.covariance`; the variance of the distance is infinite where the focal length is assumed, and
-            that of the azimuth where :attr:`any_azimuth` is true.  Only of a single model, for ``"best"`` with the
-            similarity ``"calibrated"``; else None.
+            that of the azimuth where :attr:`any_azimuth` is true.  None for several models, whose mean viewpoint is off
+            by what they differ from the object, which no curvature shows; if the best one is the object's own, search
+            again with it alone.  None, too, but for ``"best"`` with the similarity ``"calibrated"``.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
