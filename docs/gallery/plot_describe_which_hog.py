@@ -5,8 +5,8 @@ Which HOG is my vector?
 A file holds 3780 numbers and the note "HOG of 128x64 pixels". OpenCV and scikit-image both return vectors of that
 length, and so does the descriptor of Dalal and Triggs's paper. Which one is it?
 
-Three checks answer this: count the numbers, look at the values, and compute the candidates. If the photograph is lost,
-a fourth check remains: invert the vector under each hypothesis.
+``nablahog.which_hog`` answers from the numbers alone. With the photograph, computing the candidates shows that all
+conventions are right; without it, an inversion shows that the order of the numbers is.
 """
 
 import matplotlib.pyplot as plt
@@ -25,29 +25,21 @@ gray = np.array(Image.fromarray(photograph).convert("L"))
 vector = skimage_hog(gray, cells_per_block=(2, 2)).astype(np.float32)
 
 # %%
-# 1. Count
-# --------
-# 3780 = 15 · 7 blocks of 2 · 2 cells of 9 orientation bins. ``spec.grid`` and ``spec.channels`` count for any preset.
+# 1. Ask
+# ------
+# The presets that make 3780 numbers of an image of this size are counted, and what their normalisers make hold exactly
+# is checked until one is left. The answer says which check decided.
 
-candidates = {
-    "opencv": nablahog.presets.opencv(),
-    "opencv, gamma=False": nablahog.presets.opencv(gamma=False),
-    "skimage 2x2": nablahog.presets.skimage(cells_per_block=(2, 2)),
-    "skimage 2x2, largest channel": nablahog.presets.skimage(cells_per_block=(2, 2), channel_axis=-1),
-    "skimage 2x2, L2": nablahog.presets.skimage(cells_per_block=(2, 2), block_norm="L2"),
-    "dalal_triggs": nablahog.presets.dalal_triggs(),
-    "skimage 3x3": nablahog.presets.skimage(),
-    "vlfeat": nablahog.presets.vlfeat(),
-}
-for name, spec in candidates.items():
-    rows, cols = spec.grid(128, 64)
-    print(f"{name:28} {rows:2} x {cols} places x {spec.channels} channels = {rows * cols * spec.channels} numbers")
+found = nablahog.which_hog(vector, (128, 64))
+print(found)
+for candidate in found.candidates[:4]:
+    print(candidate.summary)
 
 # %%
 # 2. Look at the values
 # ---------------------
-# scikit-image scales each block to length 1 exactly. OpenCV adds 0.001 before it divides, so its blocks are a little
-# shorter. With L2-Hys, the largest entries of a block were clipped, and are therefore equal.
+# These are the values that decided. scikit-image scales each block to length 1 exactly. OpenCV adds 0.001 before it
+# divides, so its blocks are a little shorter. With L2-Hys, the largest entries of a block were clipped, and are equal.
 
 blocks = vector.reshape(-1, 36)
 lengths = np.linalg.norm(blocks, axis=1)
@@ -63,6 +55,14 @@ print(f"blocks with two or more equal largest entries: {clipped.mean():.0%}")
 # ``layout="native"`` returns the order of numbers of the library itself. The right candidate agrees to rounding. How a
 # colour image became gray is part of the question: Pillow and scikit-image weigh R, G, B differently.
 
+candidates = {
+    "opencv": nablahog.presets.opencv(),
+    "opencv, gamma=False": nablahog.presets.opencv(gamma=False),
+    "skimage 2x2": found.candidates[0].spec,
+    "skimage 2x2, largest channel": nablahog.presets.skimage(cells_per_block=(2, 2), channel_axis=-1),
+    "skimage 2x2, L2": nablahog.presets.skimage(cells_per_block=(2, 2), block_norm="L2"),
+    "dalal_triggs": nablahog.presets.dalal_triggs(),
+}
 weighted = np.uint8(np.round(255 * rgb2gray(photograph)))
 attempts = [
     ("opencv", "R, G, B", photograph),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image, ImageOps
 from skimage import data, feature
 
 import nablahog
@@ -104,3 +105,15 @@ def test_columns_of_data_frames_and_summaries() -> None:
     assert "skimage() of 64x48" in repr(found)
     assert found.decided_by in repr(found)
     assert "undecided" in repr(which_hog(np.zeros(3780)))
+
+
+def test_histograms_of_another_length_are_not_told_by_how_alike_neighbours_are() -> None:
+    """Channels one after the other are those of half as many orientations in twice as many rows, and add up as well."""
+    names = ("camera", "astronaut", "coffee", "coins", "chelsea", "rocket", "cat", "hubble_deep_field")
+    images = [Image.fromarray(getattr(data, name)()).convert("L") for name in names]
+    crops = [ImageOps.fit(image, (64, 128), Image.Resampling.BOX) for image in images]
+    spec = presets.cnn_hog(orientations=12)
+    found = which_hog(np.stack([nablahog.hog(np.asarray(crop), spec, layout="native").ravel() for crop in crops]))
+    assert found.decided_by == ""
+    assert found.candidates[0].spec == spec
+    assert found.candidates[0].image_size == (128, 64)

@@ -177,7 +177,10 @@ def _check_order(array: NDArray[np.floating], candidates: list[Candidate]) -> Ch
     order = sorted(range(len(candidates)), key=differences.__getitem__)
     places = array.size / candidates[0].spec.channels
     least, clearly = differences[order[0]], CLEARLY_ALIKE ** math.sqrt(ALIKE_PLACES / places)  # the scatter of means
-    remaining = [candidates[k] for k in order if differences[k] <= least or differences[k] < clearly * least]
+    channels = candidates[order[0]].spec.channels
+    # histograms of another length are alike by another measure, however many there are
+    factors = [clearly if each.spec.channels == channels else max(clearly, CLEARLY_ALIKE) for each in candidates]
+    remaining = [candidates[k] for k in order if differences[k] <= least or differences[k] < factors[k] * least]
     excluded = [candidates[k] for k in order if candidates[k] not in remaining]
     size = "x".join(map(str, remaining[0].image_size))
     return remaining, excluded, f"neighbours are most alike in an image of {size} pixels"
