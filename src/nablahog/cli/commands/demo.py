@@ -28,8 +28,8 @@ LEAD = (
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
     "paper's has unsigned gradients, which are the same for a region and its negative, so a learned prior has to guess "
-    "which regions are bright: see how it draws gray what it is unsure of, and three other guesses. It also supplies "
-    "the details of all images."
+    "which regions are bright. Beside its image are the same image, gray where the prior is unsure, and three other "
+    "guesses. The prior also supplies the details of all images."
 )
 SAMPLES = 3  # guesses, of the descriptor that leaves the signs of regions open
 REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and comes with scikit-image."

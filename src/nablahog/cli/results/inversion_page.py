@@ -29,10 +29,10 @@ POLARITY = (
     "all the same. There is none without a prior, or for descriptors that tell bright from dark."
 )
 REGIONS = (
-    "Opposite gradients share a bin, so the descriptor hardly tells what is bright: of {share:.0%} of the image the "
-    f"prior is sure (at least {SURE:.0%}) whether it is brighter or darker than the mean. The rest is drawn grayer."
+    "Opposite gradients share a bin, so the descriptor hardly tells which regions are bright. In {share:.0%} of the "
+    f"image the prior is at least {SURE:.0%} sure of it. The rest is drawn grayer."
 )
-SAMPLES = "Agreement of the samples, the mean magnitude of their pairwise correlations"
+SAMPLES = "Agreement of the samples, which can share a mistake; the mean magnitude of their pairwise correlations"
 SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
 
 

@@ -20,7 +20,7 @@ from .unsigned_network import align_sign, normalise
 
 REGION_PIXELS = 8.0  # standard deviation of the Gaussian of a region
 REGION_STEP = 4  # pixels between the places where regions are compared, along each axis
-DRAWS, DRAW_SEED = 8, 0  # random predictions that are compared with the image
+DRAWS, DRAW_SEED = 4, 0  # random predictions that are compared with the image, and of its mirror image as many
 LEAST_SPREAD = 0.3  # of brightness, relative to its standard deviation over an image, to divide by
 
 

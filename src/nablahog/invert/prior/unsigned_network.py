@@ -219,9 +219,15 @@ class UnsignedNetwork(PriorNetwork):
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False)
 
     def draw_regions(self, largest: LargestCells, count: int, seed: int) -> Tensor:
-        """Random possible regions (1, count, 2R, 2C), each up to its sign, for what was seen at first of one image."""
+        """Random possible regions (1, 2 · count, 2R, 2C), each up to its sign, for what was seen at first of one image.
+
+        Half of them are predicted for its mirror image.
+        """
         network = self._with_dropout(torch.Generator(largest.histograms.device).manual_seed(seed))
-        return network.largest_cells(largest.histograms.expand(count, -1, -1, -1)).regions.transpose(0, 1)
+        cells = largest.histograms.expand(count, -1, -1, -1)
+        nothing = largest.regions.new_zeros(2 * count, *largest.regions.shape[1:])
+        regions, mirrored = network(torch.cat([cells, self.mirror(cells)]), nothing).chunk(2)
+        return torch.cat([regions, mirrored.flip(3)]).transpose(0, 1)
 
     def _with_dropout(self, generator: torch.Generator) -> UnsignedNetwork:
         """A network of the same weights that drops channels, others for each image of a batch."""
