@@ -38,7 +38,7 @@ from nablahog.metrics import rotation_error
 from nablahog.paper.annotations import Example, sample_viewpoints
 from nablahog.paper.examples import CONDITIONS, PLAIN
 from nablahog.pose import confidence
-from nablahog.pose.confidence import Evidence, Weights, probabilities, stored_weights
+from nablahog.pose.confidence import KNOWN_MODEL, Evidence, Weights, probabilities
 from nablahog.pose.model import azimuth_distance
 from nablahog.pose.result import OPPOSITE
 from nablahog.render.models import check_models, read_models
@@ -54,11 +54,11 @@ CASES = ("", "exact", "sides-10", "cut-30", "no-box", "tilted", "steep", "render
 SEVERAL = (12, 23, 39)  # candidates
 SMALL = {"size": 128, "height": (35.0, 100.0)}  # of a scene in six
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
+ABSENT_SHARE = 1 / 3  # of all poses, to which images without the object are weighted in a fit
 PENALTY = 0.01  # of squared weights in units of their standard deviation
 FREE = {  # the figures whose weights are fitted
     "KNOWN_MODEL": ("similarity", "penalty", "sidelobe"),
-    "UNKNOWN_MODEL": ("similarity", "agreement", "viewpoint"),
-    "UNKNOWN_CLASS": ("similarity", "agreement"),
+    "UNKNOWN_MODEL": ("penalty", "sidelobe", "agreement"),
 }
 
 
@@ -169,12 +169,17 @@ def fit_weights(records: list[Record], free: tuple[str, ...]) -> Weights:
         scaled = dict(zip(free, values[2:] / spread, strict=True))
         return start._replace(constant=values[0], share=values[1], **scaled)
 
+    absent = np.array([found["absent"] for found in records])
+    counts = np.where(
+        absent, ABSENT_SHARE / max(absent.mean(), 1e-9), (1 - ABSENT_SHARE) / max(1 - absent.mean(), 1e-9)
+    )
+
     def loss(values: Floats) -> float:
         total = PENALTY * float(np.square(values[2:]).sum())
-        for one, found in zip(evidence, records, strict=True):
+        for one, found, count in zip(evidence, records, counts, strict=True):
             sure = probabilities(one, weights(values))
             right = [p for p, is_right in zip(sure, found["right"], strict=True) if is_right]
-            total -= float(np.log(max(right[0] if right else 1 - sum(sure), 1e-9)))
+            total -= count * float(np.log(max(right[0] if right else 1 - sum(sure), 1e-9)))
         return total
 
     bounds = [(None, None), (0.0, None), *[(None, None)] * len(free)]
@@ -191,7 +196,7 @@ def fit(options: argparse.Namespace) -> None:
     records = read(tuple(options.files))
     for name, free in FREE.items():
         stored: Weights = getattr(confidence, name)
-        some = [found for found in records if stored_weights(evidence_of(found)) is stored]
+        some = [found for found in records if found["evidence"]["known_model"] == (stored is KNOWN_MODEL)]
         if some:
             fitted = [f"{value:.2f}" for value in fit_weights(some, free)]
             rows = [[field, *pair] for field, *pair in zip(Weights._fields, fitted, map(str, stored), strict=True)]

@@ -206,10 +206,9 @@ class BestSearch:
             turned = self.move_to_viewpoint(best, best.pose[[0, 1, 3]] + torch.tensor([180.0, 0, 0]))
             shares = {**shares, turned: turned.similarity / max(best.similarity, 1e-9)}
         runners_up = select_runners_up(shares, [best.azimuth, *same_view])
-        prior = self._prior if self.voting else None
-        evidence = (
-            gather_evidence(self.problem, best, agreement, [*runners_up.values()], prior) if self.calibrated else None
-        )
+        evidence = None
+        if self.calibrated:
+            evidence = gather_evidence(self.problem, best, agreement, [*runners_up.values()])
         confidences = [None] * (1 + len(runners_up)) if evidence is None else [*probabilities(evidence)]
         rivals = zip(runners_up.items(), confidences[1:], strict=True)
         return self._convert(

@@ -27,8 +27,6 @@ class Evidence:
         sidelobe: the coarse similarity of its rendering elsewhere, divided by that in its place, in 0…1, see
             :meth:`.similarity.CalibratedTemplate.sidelobe`.
         agreement: share of the votes of several models' poses that are for its side; 1 for a single model.
-        viewpoint: how much likelier its azimuth is than any other by the viewpoint prior, a logarithm; None without a
-            prior that knows the class of the models.
         shares: of the runners-up, as :attr:`.PoseEstimate.share` has them, 0…1.
     """
 
@@ -37,7 +35,6 @@ class Evidence:
     penalty: float
     sidelobe: float
     agreement: float
-    viewpoint: float | None
     shares: tuple[float, ...]
 
 
@@ -49,22 +46,13 @@ class Weights(NamedTuple):
     penalty: float
     sidelobe: float
     agreement: float
-    viewpoint: float
     share: float  # exponent of a runner-up's share
 
 
-KNOWN_MODEL = Weights(-8.67, 5.13, -2.55, -3.53, 0.0, 0.0, 32.4)  # of a single model: of chairs and other shapes
-# of several models, none of which need be the object's own: of chairs, which the viewpoint prior knows, or not
-UNKNOWN_MODEL = Weights(-6.56, 0.8, 0.0, 0.0, 5.0, 0.97, 0.75)
-UNKNOWN_CLASS = Weights(-5.86, 1.28, 0.0, 0.0, 6.08, 0.0, 1.0)
+KNOWN_MODEL = Weights(-5.48, 5.73, -3.88, -11.44, 0.0, 25.98)  # of a single model: of chairs and other shapes
+# of several models, none of which need be the object's own: of chairs; their similarities say no more than the sidelobe
+UNKNOWN_MODEL = Weights(-1.66, 0.0, -1.72, -4.51, 7.50, 1.02)
 _LEAST = 1e-9  # of what a logarithm is taken of
-
-
-def stored_weights(evidence: Evidence) -> Weights:
-    """The weights of this module for evidence of a kind."""
-    if evidence.known_model:
-        return KNOWN_MODEL
-    return UNKNOWN_CLASS if evidence.viewpoint is None else UNKNOWN_MODEL
 
 
 def probabilities(evidence: Evidence, weights: Weights | None = None) -> tuple[float, ...]:
@@ -73,14 +61,13 @@ def probabilities(evidence: Evidence, weights: Weights | None = None) -> tuple[f
     What is missing to 1 is the probability that none of them is.  ``weights`` are those of this module by default.
     """
     if weights is None:
-        weights = stored_weights(evidence)
+        weights = KNOWN_MODEL if evidence.known_model else UNKNOWN_MODEL
     best = (
         weights.constant
         + weights.similarity * math.log1p(max(evidence.similarity, 0.0))
         + weights.penalty * evidence.penalty
         + weights.sidelobe * evidence.sidelobe
         + weights.agreement * evidence.agreement
-        + weights.viewpoint * (evidence.viewpoint or 0.0)
     )
     logits = [best, *(best + weights.share * math.log(max(share, _LEAST)) for share in evidence.shares)]
     highest = max(0.0, *logits)

@@ -35,7 +35,7 @@ def _scales(factors: tuple[float, ...], floors: tuple[float, ...]) -> Scales:
 
 
 KNOWN_FOCAL = _scales((0.95, 0.8, 1.25, 0.85, 0.65, 0.75), (0.12, 0.1, 0.12, 0.06, 0.08, 0.08))
-ASSUMED_FOCAL = _scales((1.05, 0.95, 0.0, 0.9, 0.8, 1.0), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
+ASSUMED_FOCAL = _scales((1.15, 1.05, 0.0, 1.08, 0.88, 1.1), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
 _FLATTEST = 0.1  # smallest curvature along an axis, as a fraction of the largest: a fit to jags may show less
 _AZIMUTH, _DISTANCE = PARAMETERS.index("azimuth"), PARAMETERS.index("distance")
 _FAR = 0.7  # exponent of the distance in the factor of its standard deviation, beyond :data:`.crop.DISTANCE`
