@@ -72,11 +72,11 @@ def attempt_or_stop(job: Work[R]) -> R | str:
 
 def begin() -> None:
     """Makes this process a worker, which computes in one thread and ends with its parent, or when it is told to."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
     torch.set_num_threads(1)  # the same sums in the same order, however many workers there are
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # from here on, a file may be half written
 
 
 def _end_with_parent() -> None:
