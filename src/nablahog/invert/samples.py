@@ -27,7 +27,7 @@ class Samples:
         image: (B, K, 1, H, W) in 0…1.
         distance: (B, K), as in :class:`.reconstruction.Reconstruction`.
         agreement: (B,) in 0…1, the mean over all pairs of two samples of the magnitude of their correlation, which is
-            the same for a sample and its negative.
+            the same for a sample and its negative.  All samples can share a mistake.
     """
 
     image: Tensor
