@@ -74,7 +74,7 @@ def test_a_regular_pattern_has_a_sidelobe_and_an_object_has_none() -> None:
     crop = crop_object(square, (30, 30, 142, 142))
     template = PreparedPhotograph(crop).calibrated
     assert template.sidelobe(crop.downsample(template.shrink).image) < 0.5
-    assert template.sidelobe(torch.zeros(1, 1, 64, 64)) in (0.0, 1.0)  # nothing is rendered
+    assert template.sidelobe(torch.zeros(1, 1, 64, 64)) == 1.0  # nothing is rendered
 
 
 @pytest.mark.parametrize("name", ["brick", "coins"])

@@ -132,7 +132,7 @@ class PoseEstimate(PoseGeometry):
         if self.confidence is None:
             return None
         around = [rival for rival in self.runners_up if azimuth_distance(rival.azimuth, self.azimuth) >= OPPOSITE]
-        return sum(rival.confidence or 0.0 for rival in around)
+        return math.fsum(rival.confidence or 0.0 for rival in around)
 
     @property
     def second(self) -> PoseEstimate | None:

@@ -89,13 +89,13 @@ class CalibratedTemplate:
     def sidelobe(self, image: Tensor) -> float:
         """The highest similarity of an image (1, 1, H, W) that is moved by some cells, as a share of that in its place.
 
-        At most 1, and at least 0.  A regular pattern is as similar elsewhere, an object is not.
+        In 0…1, and 1 if it is not similar at all.  A regular pattern is as similar elsewhere, an object is not.
         """
         nearest, farthest = _SIDELOBES
         moved = functional.conv2d(self.weights[None], describe(image, self.spec), padding=farthest)[0, 0]
         offsets = torch.arange(-farthest, farthest + 1).abs()
-        elsewhere = moved[torch.maximum(offsets[:, None], offsets) >= nearest]
-        return float((elsewhere.max() / moved[farthest, farthest].clamp(min=1e-9)).clamp(0, 1))
+        elsewhere, place = moved[torch.maximum(offsets[:, None], offsets) >= nearest].max(), moved[farthest, farthest]
+        return float((elsewhere / place).clamp(0, 1)) if place > 0 else 1.0
 
 
 def deviations(squared: Tensor) -> Tensor:
