@@ -51,7 +51,7 @@ class Weights(NamedTuple):
 
 KNOWN_MODEL = Weights(-5.48, 5.73, -3.88, -11.44, 0.0, 25.98)  # of a single model: of chairs and other shapes
 # of several models, none of which need be the object's own: of chairs; their similarities say no more than the sidelobe
-UNKNOWN_MODEL = Weights(-1.66, 0.0, -1.72, -4.51, 7.50, 1.02)
+UNKNOWN_MODEL = Weights(-1.85, 0.0, -1.95, -4.10, 7.50, 1.02)
 _LEAST = 1e-9  # of what a logarithm is taken of
 
 
