@@ -365,7 +365,6 @@ def test_a_calibration_finds_the_numbers_that_its_observations_were_drawn_with()
     assert calibration.fit(drawn) == pytest.approx(expected, abs=0.05)
 
 
-@pytest.mark.slow
 def test_a_prior_that_was_calibrated_says_so_in_its_file(tmp_path: Path) -> None:
     prior = calibration.calibrate(tiny_models.prior(PAPER), patches(8))
     assert len(prior.learning.calibration) == len(Calibration._fields)
