@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from nablahog.io.images import read_image
 
-Grid: TypeAlias = NDArray[np.float64]
+Grid: TypeAlias = NDArray[Any]
 Generator: TypeAlias = np.random.Generator
 Box: TypeAlias = tuple[float, float, float, float]
 
@@ -46,14 +46,16 @@ def noise(x: Grid, y: Grid, generator: Generator) -> Grid:
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE)))
     frequency[0, 0] = 1
     spectrum = np.fft.fft2(generator.normal(size=x.shape)) / frequency ** generator.uniform(0, 2)
-    values = np.fft.ifft2(spectrum).real
-    return 0.5 + 0.2 * (values - values.mean()) / values.std()
+    values: Grid = np.fft.ifft2(spectrum).real
+    standard: Grid = (values - values.mean()) / values.std()
+    return 0.5 + 0.2 * standard
 
 
 def checks(x: Grid, y: Grid, generator: Generator) -> Grid:
     along, across = _turn(x, y, generator.uniform(0, 0.6))
     wide, high = generator.uniform(8, 60, 2)
-    return 0.2 + 0.6 * ((along // wide + across // high) % 2)
+    squares: Grid = (along // wide + across // high) % 2
+    return 0.2 + 0.6 * squares
 
 
 def lattice(x: Grid, y: Grid, generator: Generator) -> Grid:

@@ -52,7 +52,7 @@ Case: TypeAlias = tuple[str, Callable[[], PoseEstimate], Example | None]  # its 
 
 CASES = ("", "exact", "sides-10", "cut-30", "no-box", "tilted", "steep", "renderer")  # conditions; "" for none
 SEVERAL = (12, 23, 39)  # candidates
-SMALL = {"size": 128, "height": (35.0, 100.0)}  # of a scene in six
+SMALL, SMALL_HEIGHT = 128, (35.0, 100.0)  # of a scene in six
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 ABSENT_SHARE = 1 / 3  # of all poses, to which images without the object are weighted in a fit
 PENALTY = 0.01  # of squared weights in units of their standard deviation
@@ -84,10 +84,11 @@ def scenes(options: argparse.Namespace) -> Iterator[tuple[str, Example, dict[str
             condition = replace(condition, settings=CONDITIONS["renderer"].settings)
         kind = generator.integers(6)
         if kind == 0:
-            condition = replace(condition, settings=replace(condition.settings, **SMALL))
+            condition = replace(condition, settings=replace(condition.settings, size=SMALL, height=SMALL_HEIGHT))
         example = condition.scene(index, models, viewpoints, walls if kind == 1 else photographs, seed=seed)
         if generator.random() < 0.75:
             example = replace(example, initial=None)
+        assert example.model is not None
         candidates = [example.model]
         if options.several:
             others = generator.permutation([other for other in models if other != example.model])
