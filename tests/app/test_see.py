@@ -81,7 +81,7 @@ def test_a_cell_that_is_left_out(client: TestClient, photo: str) -> None:
         ({}, 422, "expected a photo or a descriptor, got neither"),
         ({"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),
         ({"photo": "sample-camera", "preset": "hog"}, 422, "preset must be one of 'aubry'"),
-        ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "uoctti has no parameter 'cell'"),
+        ({"photo": "sample-camera", "settings": {"cell": "4"}}, 422, "no preset has a parameter 'cell'"),
         (
             {"photo": "sample-camera", "settings": {"cell_size": "600"}},
             422,

@@ -61,7 +61,7 @@ MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
         ({"intrinsics": (300, 900, 90, 75)}, "more than 2.5 times the other"),
         ({"intrinsics": (3, 3, 90, 75)}, "`intrinsics` must be in pixels, 0.1 to 100 diagonals"),
         ({"intrinsics": [[300, 2, 90], [0, 300, 75], [0, 0, 1]]}, r"must be \[\[fx, 0, cx\]"),
-        ({"intrinsics": "camera.bin"}, "camera.bin: no such file"),
+        ({"intrinsics": "camera.bin"}, "'camera.bin': no such file"),
         ({"intrinsics": MATRIX, "focal": 300}, "leave `focal` and `principal_point` out"),
         ({"intrinsics": MATRIX, "principal_point": (90, 75)}, "leave `focal` and `principal_point` out"),
         ({"focal": MATRIX, "principal_point": (9, 7)}, "leave it out"),

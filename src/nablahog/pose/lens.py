@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera, as_camera, as_distortion
+from ..inputs.numbers import shortened
 from ..io.camera_file import CameraFile, read_camera_file
 from ..io.input_file import InputFile
 from ..render import Camera
@@ -108,7 +109,13 @@ def choose_lens(
             )
         focal = exif
     if isinstance(intrinsics, str | os.PathLike | InputFile):
-        intrinsics = read_camera_file(intrinsics)
+        try:
+            intrinsics = read_camera_file(intrinsics)
+        except FileNotFoundError:
+            raise FileNotFoundError(
+                f"`intrinsics` must be a camera matrix (3, 3), fx, fy, cx, cy in pixels, or a camera's file, got "
+                f"{shortened(intrinsics)}: no such file"
+            ) from None
     if isinstance(intrinsics, CameraFile):
         calibrated = join_distortion(intrinsics, distortion)
         check_camera_size(calibrated, *size)

@@ -23,10 +23,11 @@ Parameters = ParamSpec("Parameters")
 def in_threads(work: Callable[[int], Result], count: int) -> list[Result]:
     """``work(0)`` … ``work(count - 1)``, in as many threads as PyTorch takes; for loops that release Python's lock.
 
-    Inside ``work`` PyTorch takes one thread: several pools would wait for each other with busy processors.
+    Inside ``work`` PyTorch takes one thread: several pools would wait for each other with busy processors, and its sums
+    are the same however many threads it takes outside.
     """
     threads = torch.get_num_threads()
-    if threads == 1 or count < 2:
+    if threads == 1:
         return [work(k) for k in range(count)]
     return list(_pool(threads).map(work, range(count)))
 
