@@ -47,6 +47,7 @@ def test_cameras_are_numbers_pairs_and_matrices() -> None:
     for intrinsics in (matrix, matrix.tolist(), torch.from_numpy(matrix), (300, 300, WIDTH / 2, HEIGHT / 2)):
         for distortion in (None, np.zeros((1, 5)), [0.0] * 4, torch.zeros(14)):
             assert azimuth(intrinsics=intrinsics, distortion=distortion) == expected
+    assert azimuth(intrinsics={"K": matrix, "width": WIDTH, "height": HEIGHT}) == expected
 
 
 MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
@@ -61,7 +62,10 @@ MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
         ({"intrinsics": (300, 900, 90, 75)}, "more than 2.5 times the other"),
         ({"intrinsics": (3, 3, 90, 75)}, "`intrinsics` must be in pixels, 0.1 to 100 diagonals"),
         ({"intrinsics": [[300, 2, 90], [0, 300, 75], [0, 0, 1]]}, r"must be \[\[fx, 0, cx\]"),
-        ({"intrinsics": "camera.bin"}, "'camera.bin': no such file"),
+        ({"intrinsics": {"fx": 300}}, "`intrinsics`: expected .* JSON with fx, fy, cx, cy"),
+        ({"intrinsics": {"K": MATRIX, "width": 9, "height": 9}}, "is for photographs of 9x9 pixels"),
+        ({"intrinsics": {"K": MATRIX, "k1": 0}, "distortion": np.zeros(4)}, "expected no `distortion` beside it"),
+        ({"intrinsics": "camera.bin"}, "camera.bin: no such file: write fx,fy,cx,cy in pixels"),
         ({"intrinsics": MATRIX, "focal": 300}, "leave `focal` and `principal_point` out"),
         ({"intrinsics": MATRIX, "principal_point": (90, 75)}, "leave `focal` and `principal_point` out"),
         ({"focal": MATRIX, "principal_point": (9, 7)}, "leave it out"),

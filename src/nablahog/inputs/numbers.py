@@ -88,8 +88,11 @@ def as_seed(seed: object) -> int:
 
 
 def is_finite(value: object) -> bool:
-    """True for a real number, not a truth value, that is neither NaN nor infinite."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+    """True for a real number, not a truth value, that is neither NaN nor infinite as a float."""
+    try:
+        return isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False
 
 
 def as_numbers(name: str, value: object, of_what: str) -> tuple[float, ...]:

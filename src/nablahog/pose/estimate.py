@@ -101,7 +101,13 @@ def estimate_pose(
     within: float = 180.0,
     focal: float | Sequence[float] | NDArray[Any] | Tensor | Literal["exif"] | None = None,
     principal_point: Sequence[float] | None = None,
-    intrinsics: Sequence[float] | Sequence[Sequence[float]] | NDArray[Any] | Tensor | Readable | None = None,
+    intrinsics: Sequence[float]
+    | Sequence[Sequence[float]]
+    | NDArray[Any]
+    | Tensor
+    | Mapping[str, Any]
+    | Readable
+    | None = None,
     distortion: Sequence[float] | NDArray[Any] | Tensor | None = None,
     method: SearchMethod = "best",
     similarity: SimilarityKind | None = None,
@@ -138,7 +144,8 @@ def estimate_pose(
         principal_point: x, y where the optical axis of a camera of known focal length meets the photograph, pixels; by
             default its middle.  Objects far from it look stretched, which the search takes into account.
         intrinsics: the camera matrix (3, 3), or fx, fy, cx, cy, pixels, in place of ``focal`` and ``principal_point``;
-            or the file of a camera, see :func:`nablahog.io.camera_file.read_camera_file`, with its distortion.
+            or the file of a camera, see :func:`nablahog.io.camera_file.read_camera_file`, with its distortion; or a
+            dict with the names of its JSON.
         distortion: OpenCV's k1, k2, p1, p2 and maybe k3, of a camera of known focal length.  The photograph is then
             undistorted, and so it is, to square pixels, where fx and fy differ: the pose is for the ideal camera, see
             :class:`PoseEstimate`, while the box and the mask belong to the photograph as it is.

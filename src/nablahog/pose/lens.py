@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,8 +12,8 @@ from torch import Tensor
 
 from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera, as_camera, as_distortion
-from ..inputs.numbers import shortened
-from ..io.camera_file import CameraFile, read_camera_file
+from ..io.arrays import naming
+from ..io.camera_file import CameraFile, read_camera_file, read_camera_mapping
 from ..io.input_file import InputFile
 from ..render import Camera
 from ..render.lens import IdealCamera
@@ -109,13 +110,10 @@ def choose_lens(
             )
         focal = exif
     if isinstance(intrinsics, str | os.PathLike | InputFile):
-        try:
-            intrinsics = read_camera_file(intrinsics)
-        except FileNotFoundError:
-            raise FileNotFoundError(
-                f"`intrinsics` must be a camera matrix (3, 3), fx, fy, cx, cy in pixels, or a camera's file, got "
-                f"{shortened(intrinsics)}: no such file"
-            ) from None
+        intrinsics = read_camera_file(intrinsics)
+    elif isinstance(intrinsics, Mapping):
+        with naming("`intrinsics`"):
+            intrinsics = read_camera_mapping(intrinsics)
     if isinstance(intrinsics, CameraFile):
         calibrated = join_distortion(intrinsics, distortion)
         check_camera_size(calibrated, *size)
@@ -133,7 +131,7 @@ def join_distortion(camera: CameraFile, distortion: object) -> CameraFile:
     if distortion is None:
         return camera
     if camera.distortion is not None:
-        raise ValueError("the file of `intrinsics` has a distortion: expected no `distortion` beside it")
+        raise ValueError("`intrinsics` has a distortion: expected no `distortion` beside it")
     return camera._replace(distortion=as_distortion("distortion", distortion))
 
 
