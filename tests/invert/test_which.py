@@ -24,6 +24,13 @@ def opencv() -> NDArray[np.float32]:
     return vector
 
 
+def opencv_windows(width: int, height: int, win_size: tuple[int, int] = (64, 128), stride: int = 8) -> Any:
+    """OpenCV's own descriptors of all windows of an image, in one row."""
+    cv2 = pytest.importorskip("cv2")
+    image = np.ascontiguousarray(data.chelsea()[:height, :width, ::-1])
+    return cv2.HOGDescriptor(win_size, (16, 16), (8, 8), (8, 8), 9).compute(image, winStride=(stride, stride))
+
+
 def skimage(**arguments: Any) -> NDArray[np.float64]:
     vector: NDArray[np.float64] = feature.hog(GRAY, **arguments)
     return vector
@@ -77,6 +84,30 @@ def test_the_rows_of_a_matrix_are_descriptors() -> None:
 
 def test_the_places_of_an_image_in_rows_are_not_images_of_one_place() -> None:
     assert not which_hog(ours("uoctti").reshape(-1, 31), dialects={"uoctti": {}}).candidates
+
+
+@pytest.mark.parametrize(("size", "count"), [((72, 128), 2), ((64, 160), 5), ((128, 128), 9), ((192, 192), 153)])
+def test_opencv_windows_in_one_row(size: tuple[int, int], count: int) -> None:
+    """A vector of 2 windows has as many numbers as one of 128x120 pixels."""
+    found = which_hog(opencv_windows(*size))
+    first = found.candidates[0]
+    assert f"reshape({count}, 3780)" in found.decided_by
+    assert (first.preset, dict(first.parameters), first.image_size, first.count) == ("opencv", {}, (128, 64), count)
+
+
+def test_windows_with_nothing_in_common_are_asked_about() -> None:
+    """They look like one image of all their columns."""
+    found = which_hog(opencv_windows(192, 256, stride=64))
+    assert not found.decided_by
+    assert (9, (128, 64)) in [(each.count, each.image_size) for each in found.candidates[: found.likely]]
+
+
+def test_windows_of_a_size_that_is_said() -> None:
+    vector = opencv_windows(80, 104, (48, 96))
+    for found in (which_hog(vector, (96, 48)), which_hog(vector, dialects={"opencv": {"win_size": (48, 96)}})):
+        first = found.candidates[0]
+        assert found.decided_by
+        assert (first.preset, first.image_size, first.count) == ("opencv", (96, 48), 10)
 
 
 @pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])

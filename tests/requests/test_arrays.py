@@ -49,6 +49,23 @@ def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: st
     assert torch.equal(result.descriptor.double(), torch.from_numpy(values.astype(np.float64)).permute(1, 2, 0))
 
 
+@pytest.mark.parametrize("asked", [{}, {"preset": "opencv"}, {"preset": "opencv", "image_size": (128, 64)}])
+def test_windows_in_one_row_are_rows(tmp_path: Path, asked: dict[str, Any]) -> None:
+    cv2 = pytest.importorskip("cv2")
+    image = np.ascontiguousarray(data.chelsea()[:128, :80, ::-1])
+    vector = cv2.HOGDescriptor().compute(image)
+    np.save(tmp_path / "v.npy", vector)
+    windows = read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked))
+    assert [each.request.row for each in windows] == [0, 1, 2]
+    for row, window in enumerate(windows):
+        [chosen] = read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked, row=row))
+        assert torch.equal(chosen.stored.descriptor, window.stored.descriptor)
+        stored = nablahog.to_layout(window.stored.descriptor[None], presets.opencv())[0]
+        assert np.array_equal(stored.numpy(), vector.reshape(3, -1)[row])
+    with pytest.raises(ValueError, match="row 3"):
+        read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked, row=3))
+
+
 def asked_for(array: NDArray[Any], **request: Any) -> str:
     """The options by which an array is read."""
     return " ".join(words(identify(array, GlyphRequest(**request))[0], GlyphRequest))

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..hog import HOGSpec, presets
-from ..hog.layout import TOKEN_CELLS, from_layout
+from ..hog.layout import TOKEN_CELLS, from_layout, native_shape
+from ..inputs.numbers import as_square_or_size
 from ..io.descriptor_file import FittedLayout, find_layout, is_row
 
 Parameters = Mapping[str, Any]
@@ -35,11 +36,15 @@ VARIANTS: dict[str, dict[str, tuple[Any, ...]]] = {
 """Parameters that are tried with their values, beside orientations; the default first."""
 _ORIENTATION_NAMES = ("bins", "nbins", "orientations")
 MOST_ASPECT = 4  # of the sides of an image
+WINDOWED = "opencv"  # the preset whose library returns all windows of an image in one row
+DEFAULT_WINDOW = (64, 128)  # OpenCV's, (width, height)
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A dialect, a layout and a size of which an array can be the descriptor, or several in its rows.
+
+    Windows of OpenCV's may also be one after the other in one row, as ``cv2.HOGDescriptor.compute`` returns them.
 
     Attributes:
         preset: its name in :mod:`nablahog.presets`.
@@ -64,7 +69,8 @@ class Candidate:
     def summary(self) -> str:
         """The preset with its parameters, and the size of the image, such as ``skimage(orientations=8) of 64x64``."""
         parameters = ", ".join(f"{name}={value!r}" for name, value in self.parameters.items())
-        return f"{self.preset}({parameters}) of {self.image_size[0]}x{self.image_size[1]}"
+        count = f", {self.count} of them" if self.count > 1 else ""
+        return f"{self.preset}({parameters}) of {self.image_size[0]}x{self.image_size[1]}{count}"
 
     def descriptors(self, array: NDArray[np.floating]) -> Tensor:
         """The array as descriptors (B, rows, cols, channels) in float64."""
@@ -93,6 +99,8 @@ def fit_shape(
                     for how in _fit_row(math.prod(rows), spec, image_size):
                         named = _with_window(name, parameters, how.image_size)
                         yield Candidate(name, named, spec, how, count)
+                if is_row(shape) and name == WINDOWED:
+                    yield from _fit_windows(math.prod(shape), parameters, spec, image_size)
 
 
 def _variants(name: str, known: Parameters) -> Iterator[Parameters]:
@@ -132,8 +140,20 @@ def _fit_row(length: int, spec: HOGSpec, image_size: tuple[int, int] | None) -> 
             yield how
 
 
+def _fit_windows(
+    length: int, parameters: Parameters, spec: HOGSpec, image_size: tuple[int, int] | None
+) -> Iterator[Candidate]:
+    """Several windows, of the size that is known or else the default, one after the other in so many numbers."""
+    width, height = as_square_or_size("win_size", parameters.get("win_size", DEFAULT_WINDOW), "width, height")
+    size = image_size or (height, width)
+    window = math.prod(native_shape(spec, size))
+    how = find_layout((window,), spec, size)
+    if how is not None and length > window and length % window == 0:
+        yield Candidate(WINDOWED, _with_window(WINDOWED, parameters, size), spec, how, length // window)
+
+
 def _with_window(name: str, parameters: Parameters, size: tuple[int, int]) -> Parameters:
     """The parameters with OpenCV's window, (width, height), if it is not the default."""
-    if name != "opencv" or "win_size" in parameters or size == (128, 64):
+    if name != WINDOWED or "win_size" in parameters or size == DEFAULT_WINDOW[::-1]:
         return parameters
     return {**parameters, "win_size": size[::-1]}

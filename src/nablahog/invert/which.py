@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch.nn.functional import normalize
 
@@ -24,6 +25,7 @@ MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the sh
 ROUNDING = 32  # units in the last place that a sum of entries may be off
 CLEARLY_ALIKE, ALIKE_PLACES = 1.5, 64  # times less alike are neighbours in a wrong order, in 8x8 places of one image
 CLEARLY_NEARER = 2.0  # times as far is the pre-image of the wrong dialect
+OVERLAPPING = 0.5  # of windows, at least, have blocks in common with the next, in the least of two in each row
 MOST_INVERTED, MOST_INVERTED_PIXELS = 6, 2**15  # candidates, and pixels of each, that are inverted
 
 
@@ -100,26 +102,54 @@ def which_hog(
     # no descriptor has negative entries, and one that is 0 satisfies all
     if not fitting or not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
         return WhichHOG(tuple(fitting))
-    checked = array[:MOST_ROWS] if all(candidate.count > 1 for candidate in fitting) else array
-    remaining, excluded, identities = _check_identities(checked, fitting)
+    windows = [each for each in fitting if each.count > 1] if is_row(array.shape) else []
+    overlapping = [each for each in windows if _windows_overlap(array, each)][:1]
+    checked = array.reshape(overlapping[0].count, -1) if overlapping else array
+    if overlapping or (not is_row(array.shape) and all(each.count > 1 for each in fitting)):
+        checked = checked[:MOST_ROWS]
+    remaining, excluded, identities = _check_identities(checked, overlapping or fitting)
     # numbers of which nothing exact holds may be another library's, unless the dialect is known
-    is_known = bool(identities) or len(dialects or ()) == 1
+    is_known = bool(identities or overlapping) or len(dialects or ()) == 1
     decided_by = identities or "no other size has so many numbers"
-    for check in (_check_layout, _check_order, _check_distance):
+    # windows side by side have pre-images as another size of image has
+    for check in (_check_layout, _check_order) if windows else (_check_layout, _check_order, _check_distance):
         if len(remaining) == 1:
             break
         remaining, excluded_now, sentence = check(checked, remaining)
         excluded = [*excluded_now, *excluded]
         decided_by = f"{identities}, and {sentence}" if identities else sentence
+    if overlapping:
+        excluded += [each for each in fitting if each not in overlapping]
+        count, length = overlapping[0].count, math.prod(overlapping[0].how.shape)
+        shared = f"its {count} windows have blocks in common: reshape({count}, {length})"
+        decided_by = f"{identities}, and {shared}" if identities else shared
     ranked = (*remaining, *excluded)
     if not is_known:
         return WhichHOG(ranked, len(ranked))
-    return WhichHOG(ranked, len(remaining), decided_by if len(remaining) == 1 else "")
+    # windows without blocks in common look like one image of all their columns
+    is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
+    return WhichHOG(ranked, len(remaining), decided_by if is_sure else "")
 
 
 def _rank_by_shape(candidate: Candidate) -> tuple[bool, bool, int]:
     """Smaller for a whole array in its library's own layout, with few parameters that are not defaults."""
     return candidate.count > 1, candidate.how.layout != candidate.spec.layout, len(candidate.parameters)
+
+
+def _windows_overlap(array: NDArray[np.floating], candidate: Candidate) -> bool:
+    """Whether of most windows in a row the next has the same blocks, some to the right or below, as OpenCV's stride."""
+    most = MOST_CHECKED // math.prod(candidate.how.shape)
+    windows = candidate.descriptors(array.reshape(candidate.count, -1)[:most])
+    first, second = windows[:-1], windows[1:]
+    for axis in (1, 2):
+        side = windows.shape[axis]
+        for shift in range(1, side):
+            common = second.narrow(axis, 0, side - shift)
+            shifted = (first.narrow(axis, start, side - shift) == common for start in (shift, 0))
+            moved, unmoved = (equal.flatten(1).all(dim=1) for equal in shifted)
+            if len(moved[~unmoved]) and float(moved[~unmoved].double().mean()) >= OVERLAPPING:  # the others are flat
+                return True
+    return False
 
 
 Checked = tuple[list[Candidate], list[Candidate], str]
@@ -192,6 +222,8 @@ def _difference_of_neighbours(candidate: Candidate, array: NDArray[np.floating])
     Of blocks, those of the cells that two blocks share.  Inf for a single row or column, or for numbers too large.
     """
     descriptors = normalize(candidate.descriptors(array), dim=3)  # else a few strong ones decide
+    if is_row(array.shape):  # several windows, or one
+        descriptors = torch.cat(tuple(descriptors), dim=1)[None]
     varying = descriptors - descriptors.mean(dim=(1, 2), keepdim=True)
     high, wide = candidate.spec.normalizer.layout_block or (1, 1)
     histograms = varying.reshape(*varying.shape[:3], high, wide, -1)

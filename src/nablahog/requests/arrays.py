@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hog import HOGSpec
+from ..hog.layout import native_shape
 from ..invert.candidates import Candidate, fit_shape
 from ..invert.which import WhichHOG, which_hog
 from ..io.arrays import naming, read_array
@@ -40,10 +41,13 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
     """The descriptors in a .npy, .npz or .mat file, one or those in its rows; InputError if nothing says which."""
     array = read_array(path, request.key)
     with naming(path):
-        if request.row is not None and (array.ndim != 2 or request.row >= len(array)):
-            raise ValueError(f"expected a matrix with a row {request.row}, counted from 0, got shape {array.shape}")
+        if not is_row(array.shape):  # else of windows, which become rows
+            _check_row(array, request.row)
         with suggesting(array, request):
             request, how, decided_by = identify(array, request)
+        if is_row(array.shape) and math.prod(how.shape) < array.size:
+            array = array.reshape(-1, math.prod(how.shape))
+        _check_row(array, request.row)
         if math.prod(how.shape) == array.size:
             return [ArrayDescriptor(to_descriptor(array, request.spec, how), request, decided_by)]
         rows = range(len(array)) if request.row is None else [request.row]
@@ -53,17 +57,23 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
         ]
 
 
+def _check_row(array: NDArray[np.floating], row: int | None) -> None:
+    if row is not None and (array.ndim != 2 or row >= len(array)):
+        raise ValueError(f"expected a matrix with a row {row}, counted from 0, got shape {array.shape}")
+
+
 def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphRequest, FittedLayout, str]:
     """A request that says all, the layout of each descriptor, and the check that decided what was not asked for."""
     if request.preset is not None:
-        by_rows = array.shape[1:] if request.row is not None else array.shape
+        by_rows = array.shape if request.row is None or is_row(array.shape) else array.shape[1:]
         try:
             return request, fit_array(by_rows, request)[1], ""
         except ValueError as error:
             refusal = error
-        if array.ndim == 2:
+        one_of_several = _window(array.size, request) if is_row(array.shape) else array.shape[1:]
+        if len(one_of_several) == 1:
             with suppress(ValueError):
-                return request, fit_array(array.shape[1:], request)[1], ""
+                return request, fit_array(one_of_several, request)[1], ""
     else:
         refusal = InputError("an array does not say which library it is from", "preset")
     found = _which(array, request)
@@ -76,8 +86,19 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
     return complete(request, first, array.shape), first.how, found.decided_by
 
 
+def _window(length: int, request: GlyphRequest) -> tuple[int, ...]:
+    """The shape of each of several windows in one row, if a request says their size and they are of OpenCV's preset."""
+    parameters = request.parameters()
+    size = opencv_window_size(request.name, parameters)
+    if size is None or (request.image_size is None and "win_size" not in parameters):
+        return ()
+    window = math.prod(native_shape(request.spec, request.image_size or size))
+    return (window,) if length % window == 0 else ()
+
+
 def _which(array: NDArray[np.floating], request: GlyphRequest) -> WhichHOG:
-    vectors = array if request.row is None or array.ndim != 2 else array[request.row : request.row + 1]
+    is_matrix = array.ndim == 2 and not is_row(array.shape)
+    vectors = array[request.row : request.row + 1] if is_matrix and request.row is not None else array
     return which_hog(vectors, request.image_size, dialects=_dialects(request))
 
 
@@ -94,7 +115,8 @@ def complete(request: GlyphRequest, candidate: Candidate, shape: tuple[int, ...]
     settings = {**settings, **request.settings}
     untold = is_row(candidate.how.shape) or candidate.how.layout == "tokens"  # by rows and columns
     size = candidate.image_size if untold and "win_size" not in settings else request.image_size
-    if candidate.preset == "opencv" and size == opencv_window_size("opencv", {}):
+    in_one_row = candidate.count > 1 and is_row(shape)
+    if candidate.preset == "opencv" and not in_one_row and size == opencv_window_size("opencv", {}):
         size = request.image_size
     return replace(request, preset=candidate.preset, settings=settings, image_size=size)
 
@@ -156,7 +178,7 @@ def suggest(array: NDArray[np.floating], request: GlyphRequest) -> list[Suggesti
     if not is_row(array.shape):
         return []
     weights = fit_shape((array.size - 1,), request.image_size, _dialects(request))
-    vectors = (each for each in weights if each.spec.layout.endswith("vector"))
+    vectors = (each for each in weights if each.count == 1 and each.spec.layout.endswith("vector"))
     asked = _distinct(complete(request, each, (array.size - 1,)) for each in vectors)
     return [Suggestion(each, is_detector=True) for each in asked]
 
