@@ -52,7 +52,7 @@ fuzz:  ## half an hour of hostile input, other every time: specs, descriptors, f
 	NABLAHOG_FUZZ=60 NABLAHOG_FUZZ_SEED=$$(date +%s) MALLOC_PERTURB_=128 \
 	    $(bin)/python -m pytest tests/fuzz -n auto --dist worksteal -m "slow or not slow" $(ARGS)
 
-mutants:  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose")
+mutants:  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose --all")
 	$(bin)/python -m tests.mutants $(ARGS)
 
 bounds: $(tools)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
