@@ -102,12 +102,21 @@ def test_windows_with_nothing_in_common_are_asked_about() -> None:
     assert (9, (128, 64)) in [(each.count, each.image_size) for each in found.candidates[: found.likely]]
 
 
-def test_windows_of_a_size_that_is_said() -> None:
-    vector = opencv_windows(80, 104, (48, 96))
-    for found in (which_hog(vector, (96, 48)), which_hog(vector, dialects={"opencv": {"win_size": (48, 96)}})):
+@pytest.mark.parametrize(("win_size", "size", "count"), [((48, 96), (80, 104), 10), ((64, 64), (64, 96), 5)])
+def test_windows_of_another_size(win_size: tuple[int, int], size: tuple[int, int], count: int) -> None:
+    """Said, or as the distance between equal blocks tells."""
+    vector = opencv_windows(*size, win_size)
+    for asked in ({}, {"image_size": win_size[::-1]}, {"dialects": {"opencv": {"win_size": win_size}}}):
+        found = which_hog(vector, **asked)
         first = found.candidates[0]
         assert found.decided_by
-        assert (first.preset, first.image_size, first.count) == ("opencv", (96, 48), 10)
+        assert (first.preset, first.image_size, first.count) == ("opencv", win_size[::-1], count)
+
+
+def test_a_pattern_is_not_taken_for_windows() -> None:
+    stripes = np.zeros((120, 128, 3), np.uint8)
+    stripes[::16] = stripes[1::16] = 255
+    assert which_hog(nablahog.hog(stripes, "opencv", layout="native")).candidates[0].count == 1
 
 
 @pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])

@@ -83,7 +83,7 @@ def fit_shape(
 ) -> Iterator[Candidate]:
     """All candidates of which an array of this shape holds one descriptor, or in two axes one in each row."""
     for name, known in (dialects or {preset: {} for preset in presets.__all__}).items():
-        for parameters in _variants(name, known):
+        for parameters in variants(name, known):
             with suppress(ValueError):  # not all values go together
                 spec = getattr(presets, name)(**parameters)
                 if not is_row(shape):
@@ -100,10 +100,10 @@ def fit_shape(
                         named = _with_window(name, parameters, how.image_size)
                         yield Candidate(name, named, spec, how, count)
                 if is_row(shape) and name == WINDOWED:
-                    yield from _fit_windows(math.prod(shape), parameters, spec, image_size)
+                    yield from fit_windows(math.prod(shape), parameters, spec, image_size)
 
 
-def _variants(name: str, known: Parameters) -> Iterator[Parameters]:
+def variants(name: str, known: Parameters) -> Iterator[Parameters]:
     """The parameters of a preset to try, without defaults."""
     signature = inspect.signature(getattr(presets, name)).parameters
     values = dict(VARIANTS.get(name, {}))
@@ -140,7 +140,7 @@ def _fit_row(length: int, spec: HOGSpec, image_size: tuple[int, int] | None) -> 
             yield how
 
 
-def _fit_windows(
+def fit_windows(
     length: int, parameters: Parameters, spec: HOGSpec, image_size: tuple[int, int] | None
 ) -> Iterator[Candidate]:
     """Several windows, of the size that is known or else the default, one after the other in so many numbers."""

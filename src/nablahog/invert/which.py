@@ -16,8 +16,9 @@ from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
 from ..runtime.pytorch import in_threads
-from .candidates import Candidate, Parameters, fit_shape
+from .candidates import WINDOWED, Candidate, Parameters, fit_shape
 from .preimage import reconstruct
+from .windows import find_windows
 
 MOST_NAMED = 3  # candidates in a summary
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
@@ -25,7 +26,6 @@ MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the sh
 ROUNDING = 32  # units in the last place that a sum of entries may be off
 CLEARLY_ALIKE, ALIKE_PLACES = 1.5, 64  # times less alike are neighbours in a wrong order, in 8x8 places of one image
 CLEARLY_NEARER = 2.0  # times as far is the pre-image of the wrong dialect
-OVERLAPPING = 0.5  # of windows, at least, have blocks in common with the next, in the least of two in each row
 MOST_INVERTED, MOST_INVERTED_PIXELS = 6, 2**15  # candidates, and pixels of each, that are inverted
 
 
@@ -100,12 +100,16 @@ def which_hog(
     size = None if image_size is None else as_size("image_size", image_size)
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_rank_by_shape)
     # no descriptor has negative entries, and one that is 0 satisfies all
-    if not fitting or not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
+    if not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
         return WhichHOG(tuple(fitting))
     windows = [each for each in fitting if each.count > 1] if is_row(array.shape) else []
-    overlapping = [each for each in windows if _windows_overlap(array, each)][:1]
-    checked = array.reshape(overlapping[0].count, -1) if overlapping else array
-    if overlapping or (not is_row(array.shape) and all(each.count > 1 for each in fitting)):
+    known = ({WINDOWED: {}} if dialects is None else dialects).get(WINDOWED)
+    any_size = None if size is not None or "win_size" in (known or ()) else known
+    overlapping = find_windows(array, fitting, any_size) if is_row(array.shape) else []
+    if not fitting and not overlapping:
+        return WhichHOG(())
+    checked = array.reshape(overlapping[0].count, -1) if len(overlapping) == 1 else array
+    if not is_row(checked.shape) and all(each.count > 1 for each in overlapping or fitting):
         checked = checked[:MOST_ROWS]
     remaining, excluded, identities = _check_identities(checked, overlapping or fitting)
     # numbers of which nothing exact holds may be another library's, unless the dialect is known
@@ -120,9 +124,9 @@ def which_hog(
         decided_by = f"{identities}, and {sentence}" if identities else sentence
     if overlapping:
         excluded += [each for each in fitting if each not in overlapping]
-        count, length = overlapping[0].count, math.prod(overlapping[0].how.shape)
+        count, length = remaining[0].count, math.prod(remaining[0].how.shape)
         shared = f"its {count} windows have blocks in common: reshape({count}, {length})"
-        decided_by = f"{identities}, and {shared}" if identities else shared
+        decided_by = f"{decided_by}, and {shared}" if identities or len(overlapping) > 1 else shared
     ranked = (*remaining, *excluded)
     if not is_known:
         return WhichHOG(ranked, len(ranked))
@@ -134,22 +138,6 @@ def which_hog(
 def _rank_by_shape(candidate: Candidate) -> tuple[bool, bool, int]:
     """Smaller for a whole array in its library's own layout, with few parameters that are not defaults."""
     return candidate.count > 1, candidate.how.layout != candidate.spec.layout, len(candidate.parameters)
-
-
-def _windows_overlap(array: NDArray[np.floating], candidate: Candidate) -> bool:
-    """Whether of most windows in a row the next has the same blocks, some to the right or below, as OpenCV's stride."""
-    most = MOST_CHECKED // math.prod(candidate.how.shape)
-    windows = candidate.descriptors(array.reshape(candidate.count, -1)[:most])
-    first, second = windows[:-1], windows[1:]
-    for axis in (1, 2):
-        side = windows.shape[axis]
-        for shift in range(1, side):
-            common = second.narrow(axis, 0, side - shift)
-            shifted = (first.narrow(axis, start, side - shift) == common for start in (shift, 0))
-            moved, unmoved = (equal.flatten(1).all(dim=1) for equal in shifted)
-            if len(moved[~unmoved]) and float(moved[~unmoved].double().mean()) >= OVERLAPPING:  # the others are flat
-                return True
-    return False
 
 
 Checked = tuple[list[Candidate], list[Candidate], str]
