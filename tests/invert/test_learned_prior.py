@@ -24,7 +24,7 @@ from nablahog.invert import (
 )
 from nablahog.invert.histograms import linear_vote_spec, recover_histograms, set_nominal_contrast
 from nablahog.invert.prior.choice import PRIOR_FOLDER
-from nablahog.invert.prior.confidence import Calibration, Evidence, compare_regions, smooth_regions
+from nablahog.invert.prior.confidence import Calibration, SignEvidence, compare_regions, smooth_regions
 from nablahog.invert.prior.learned import network_class
 from nablahog.invert.prior.signed_network import INPUT_SPEC, Architecture, SignedNetwork, network_inputs
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
@@ -197,6 +197,18 @@ def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
             one, other = (confidence(each, descriptor, spec) for each in (image, 1 - image))
             assert float((one - 0.5).abs().max()) > 1e-6  # says something
             assert_close(one + other, torch.ones_like(one))
+            flat = confidence(torch.full_like(image, 0.5), descriptor, spec)  # its own negative
+            assert torch.equal(flat, torch.full_like(flat, 0.5))
+
+
+def test_confidences_of_a_batch_are_those_of_each() -> None:
+    images = torch.cat([photograph(64, name) for name in ("camera", "coins")] * 5)  # more than are judged at once
+    descriptors, prior = hog(images, PAPER), tiny_models.prior(PAPER)
+    together = prior.confidence(images, descriptors, PAPER)
+    alone = [prior.confidence(images[k : k + 1], descriptors[k : k + 1], PAPER) for k in range(len(images))]
+    assert float((together.regions[0] - together.regions[1]).abs().max()) > 1e-6
+    for whole, parts in zip(together, zip(*alone, strict=True), strict=True):
+        assert_close(whole, torch.cat(parts), atol=1e-5, rtol=0)
 
 
 def test_the_packages_priors_expect_photographs_and_no_negatives() -> None:
@@ -250,7 +262,7 @@ def test_regions_are_sure_where_draws_agree_and_as_far_as_the_image_is() -> None
     assert agreement.shape == (1, 1, 16, 16)
     calibration = Calibration(1.0, 0.9, 0.0, 100.0)
     for polarity in (0.6, 0.9):
-        chances = calibration.regions(Evidence(torch.zeros(1), agreement), torch.tensor([polarity]), (64, 64))
+        chances = calibration.regions(SignEvidence(torch.zeros(1), agreement), torch.tensor([polarity]), (64, 64))
         assert float(chances[0, 0, 16, 16]) == pytest.approx(polarity, abs=1e-3)
         assert float(chances.max()) <= polarity + 1e-6
     assert float(agreement[0, 0, 4, 4]) > 2

@@ -31,7 +31,7 @@ class Confidence(NamedTuple):
     regions: Tensor
 
 
-class Evidence(NamedTuple):
+class SignEvidence(NamedTuple):
     """What speaks for the signs of images and of their regions.
 
     Attributes:
@@ -61,7 +61,7 @@ class Calibration(NamedTuple):
         """The probabilities (B,) that images with these log-odds (B,) are not negatives."""
         return 0.5 + self.share * (torch.sigmoid(self.factor * log_odds) - 0.5)
 
-    def regions(self, evidence: Evidence, polarity: Tensor, size: tuple[int, int]) -> Tensor:
+    def regions(self, evidence: SignEvidence, polarity: Tensor, size: tuple[int, int]) -> Tensor:
         """The probabilities (B, 1, H, W) that regions have the right sign, for images of this size.
 
         ``polarity`` (B,) is the probability that the image is not a negative.

@@ -26,7 +26,7 @@ from .confidence import (
     DRAWS,
     Calibration,
     Confidence,
-    Evidence,
+    SignEvidence,
     check_calibration,
     compare_regions,
     smooth_regions,
@@ -35,6 +35,7 @@ from .provenance import NetworkLearning
 from .signed_network import TRAINING_CELLS, Architecture, PriorNetwork, SignedNetwork
 from .unsigned_network import UnsignedNetwork
 
+IMAGES_AT_ONCE = 8  # whose signs a network judges together: more take more memory, and hardly less time
 SMALL_CELL_PIXELS = 4.0  # pixels: if cells are no larger, the integral gives all that is larger than a cell
 
 
@@ -220,7 +221,7 @@ class LearnedPrior(LearnedModel):
     @torch.no_grad()
     def gather_evidence(
         self, images: Tensor, descriptor: Tensor, spec: HOGSpec | str, histograms: Tensor | None = None
-    ) -> Evidence | None:
+    ) -> SignEvidence | None:
         """What speaks for the signs of images, as for :meth:`polarity_confidence`; None for signed descriptors."""
         images, _ = as_unit_range("images", images)
         check_shape("images", images, ("B", 1, "H", "W"))
@@ -232,12 +233,11 @@ class LearnedPrior(LearnedModel):
         if not isinstance(network, UnsignedNetwork):
             return None
         evidence = []
-        for k in range(len(images)):
-            image, cells = images[k : k + 1].float(), histograms[k : k + 1]
+        for part, cells in zip(images.float().split(IMAGES_AT_ONCE), histograms.split(IMAGES_AT_ONCE), strict=True):
             largest = network.largest_cells(network.rebin(cells, linear_spec, size))
-            draws = network.draw_regions(largest, DRAWS, DRAW_SEED)
-            evidence.append(Evidence(network.log_odds(image, largest), compare_regions(smooth_regions(image), draws)))
-        return Evidence(*map(torch.cat, zip(*evidence, strict=True)))
+            agreement = compare_regions(smooth_regions(part), network.draw_regions(largest, DRAWS, DRAW_SEED))
+            evidence.append(SignEvidence(network.log_odds(part, largest), agreement))
+        return SignEvidence(*map(torch.cat, zip(*evidence, strict=True)))
 
     def _prepare(
         self, descriptor: Tensor, spec: HOGSpec, image_size: tuple[int, int], histograms: Tensor | None = None

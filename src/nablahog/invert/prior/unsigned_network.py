@@ -116,16 +116,21 @@ class _Polarity(nn.Module):
 
 
 class _Draw(nn.Module):
-    """A layer of dropout whose random numbers are those of a generator of its own, not of all threads."""
+    """A layer of dropout whose random numbers are those of a generator of its own, not of all threads.
 
-    def __init__(self, layer: nn.Dropout | nn.Dropout2d, generator: torch.Generator) -> None:
+    A batch holds ``draws`` of each image, one image after the other; all images have the same random numbers.
+    """
+
+    def __init__(self, layer: nn.Dropout | nn.Dropout2d, generator: torch.Generator, draws: int) -> None:
         super().__init__()
         self.channels_only = isinstance(layer, nn.Dropout2d)
-        self.generator = generator
+        self.generator, self.draws = generator, draws
 
     def forward(self, x: Tensor) -> Tensor:
-        mask = torch.empty_like(x[:, :, :1, :1] if self.channels_only else x)
-        return x * mask.bernoulli_(1 - SAMPLE_DROPOUT, generator=self.generator).div_(1 - SAMPLE_DROPOUT)
+        by_image = x.unflatten(0, (-1, self.draws))
+        mask = torch.empty_like(by_image[0, :, :, :1, :1] if self.channels_only else by_image[0])
+        mask.bernoulli_(1 - SAMPLE_DROPOUT, generator=self.generator).div_(1 - SAMPLE_DROPOUT)
+        return (by_image * mask).flatten(0, 1)
 
 
 class LargestCells(NamedTuple):
@@ -209,7 +214,7 @@ class UnsignedNetwork(PriorNetwork):
         images = []
         for cells in self.rebin(histograms, spec, size):
             generator = torch.Generator(cells.device).manual_seed(seed)
-            network, inputs = self._with_dropout(generator), cells.expand(count, -1, -1, -1)
+            network, inputs = self._with_dropout(generator, count), cells.expand(count, -1, -1, -1)
             largest = network.largest_cells(inputs)
             regions = network.predict_regions(inputs, largest)
             likely = polarity(self.log_odds(regions, largest))
@@ -219,22 +224,23 @@ class UnsignedNetwork(PriorNetwork):
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False)
 
     def draw_regions(self, largest: LargestCells, count: int, seed: int) -> Tensor:
-        """Random possible regions (1, 2 · count, 2R, 2C), each up to its sign, for what was seen at first of one image.
+        """Random possible regions (B, 2 · count, 2R, 2C), each up to its sign, for what was seen at first of images.
 
-        Half of them are predicted for its mirror image.
+        Half of them are predicted for the mirror image.
         """
-        network = self._with_dropout(torch.Generator(largest.histograms.device).manual_seed(seed))
-        cells = largest.histograms.expand(count, -1, -1, -1)
-        nothing = largest.regions.new_zeros(2 * count, *largest.regions.shape[1:])
-        regions, mirrored = network(torch.cat([cells, self.mirror(cells)]), nothing).chunk(2)
-        return torch.cat([regions, mirrored.flip(3)]).transpose(0, 1)
+        cells, draws = largest.histograms, 2 * count
+        network = self._with_dropout(torch.Generator(cells.device).manual_seed(seed), draws)
+        pairs = torch.stack([cells, self.mirror(cells)], dim=1).flatten(0, 1).repeat_interleave(count, dim=0)
+        drawn = network(pairs, torch.zeros_like(largest.regions).repeat_interleave(draws, dim=0))
+        regions, mirrored = drawn.reshape(-1, draws, *drawn.shape[2:]).chunk(2, dim=1)
+        return torch.cat([regions, mirrored.flip(3)], dim=1)
 
-    def _with_dropout(self, generator: torch.Generator) -> UnsignedNetwork:
-        """A network of the same weights that drops channels, others for each image of a batch."""
+    def _with_dropout(self, generator: torch.Generator, draws: int) -> UnsignedNetwork:
+        """A network of the same weights that drops channels, others for each of ``draws`` of an image."""
         network = copy.deepcopy(self, {id(weight): weight for weight in self.parameters()})
         for name, layer in list(network.named_modules()):
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
-                network.set_submodule(name, _Draw(layer, generator))
+                network.set_submodule(name, _Draw(layer, generator, draws))
         return network
 
     def largest_cells(self, histograms: Tensor) -> LargestCells:
@@ -265,14 +271,17 @@ class UnsignedNetwork(PriorNetwork):
         return (regions + align_sign(mirrored.flip(3), regions)) / 2
 
     def log_odds(self, images: Tensor, largest: LargestCells) -> Tensor:
-        """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image."""
+        """Log-odds (B,) that images (B, 1, H, W) are not negatives: the mean over image and mirror image.
+
+        They are 0 for flat images, which are their own negatives.
+        """
         histograms, regions = largest
         size = (regions.shape[2], regions.shape[3])
         small = normalise(interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True))
         regions = normalise(regions)
         odds: Tensor = self.polarity(histograms, regions, small)
         mirrored: Tensor = self.polarity(self.mirror(histograms), regions.flip(3), small.flip(3))
-        return (odds + mirrored) / 2
+        return (odds + mirrored) / 2 * small.flatten(1).any(1)
 
 
 def _enlarge_cells(histograms: Tensor) -> Tensor:
