@@ -413,8 +413,18 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
     check_refused(tiny_models.prior(), tmp_path / "p.npz", changed, says)
 
 
-@pytest.mark.parametrize("numbers", [(1.0,), (1.0, 1.1, 0.0, 1.0), (-1.0, 1.0, 0.0, 1.0), (1.0, 1.0, np.nan, 1.0)])
-def test_calibrations_out_of_range_are_refused(numbers: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (1.0,),
+        (1.0, 1.1, 0.0, 1.0),
+        (-1.0, 1.0, 0.0, 1.0),
+        (1.0, 1.0, np.nan, 1.0),
+        ("1", 1.0, 0.0, 1.0),
+        (True, 1.0, 0.0, 1.0),
+    ],
+)
+def test_calibrations_other_than_four_numbers_in_range_are_refused(numbers: tuple[Any, ...]) -> None:
     prior = tiny_models.prior(PAPER)
     with pytest.raises(ValueError, match="calibration must be"):
         replace(prior, learning=replace(prior.learning, calibration=numbers))

@@ -7,7 +7,6 @@ had not seen (:mod:`.calibration`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from ...inputs.numbers import is_finite
 from ..unknowns import low_pass
 from .unsigned_network import align_sign, normalise
 
@@ -77,7 +77,7 @@ def check_calibration(numbers: tuple[float, ...]) -> None:
     if not numbers:
         return
     names = Calibration._fields
-    in_range = len(numbers) == len(names) and all(map(math.isfinite, numbers)) and numbers[0] >= 0
+    in_range = len(numbers) == len(names) and all(map(is_finite, numbers)) and numbers[0] >= 0
     if not in_range or not 0 <= numbers[1] <= 1:
         raise ValueError(
             f"the calibration must be {len(names)} finite numbers ({', '.join(names)}), the first not below 0, the "

@@ -233,7 +233,8 @@ class LearnedPrior(LearnedModel):
         if not isinstance(network, UnsignedNetwork):
             return None
         evidence = []
-        for part, cells in zip(images.float().split(IMAGES_AT_ONCE), histograms.split(IMAGES_AT_ONCE), strict=True):
+        parts = (torch.split(batch, IMAGES_AT_ONCE) for batch in (images.float(), histograms))
+        for part, cells in zip(*parts, strict=True):
             largest = network.largest_cells(network.rebin(cells, linear_spec, size))
             agreement = compare_regions(smooth_regions(part), network.draw_regions(largest, DRAWS, DRAW_SEED))
             evidence.append(SignEvidence(network.log_odds(part, largest), agreement))

@@ -127,7 +127,7 @@ class _Draw(nn.Module):
         self.generator, self.draws = generator, draws
 
     def forward(self, x: Tensor) -> Tensor:
-        by_image = x.unflatten(0, (-1, self.draws))
+        by_image = x.reshape(-1, self.draws, *x.shape[1:])
         mask = torch.empty_like(by_image[0, :, :, :1, :1] if self.channels_only else by_image[0])
         mask.bernoulli_(1 - SAMPLE_DROPOUT, generator=self.generator).div_(1 - SAMPLE_DROPOUT)
         return (by_image * mask).flatten(0, 1)
