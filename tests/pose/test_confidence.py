@@ -9,10 +9,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog import estimate_pose, sample_chairs
+from nablahog import Camera, estimate_pose, render, sample_chairs
 from nablahog.io.images import sample_photograph
 from nablahog.pose.confidence import KNOWN_MODEL, UNKNOWN_MODEL, Evidence, Weights, probabilities
 from nablahog.pose.crop import crop_object
+from nablahog.pose.evidence import probability_in_range
 from nablahog.pose.model import azimuth_distance
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE
@@ -105,3 +106,33 @@ def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit() -> None:
     assert replace(estimate, runners_up=(few,)).second is None
     unsure = replace(estimate, confidence=None, runners_up=(replace(first, confidence=None),))
     assert (unsure.second, unsure.half_turn) == (None, None)
+    assert first.half_turn is None
+
+
+def test_the_probability_of_a_range_follows_bayes() -> None:
+    near = torch.zeros(48, dtype=torch.bool)
+    near[[47, 0, 1, 2]] = True
+    likely = torch.rand(48, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    for shift in (0.0, -70.0):
+        odds = 4 * float(likely[near].mean() / likely[~near].mean())  # 4 to 1 without evidence
+        assert probability_in_range(likely.log() + shift, near) == pytest.approx(odds / (1 + odds))
+    assert probability_in_range(torch.zeros(48, dtype=torch.float64), near) == pytest.approx(0.8)
+    assert probability_in_range(likely.log(), ~torch.zeros_like(near)) == 1.0
+
+
+@pytest.mark.parametrize("models", [1, 4])
+def test_a_range_without_the_object_has_a_low_confidence(models: int) -> None:
+    meshes = dict(list(sample_chairs().items())[:models])
+    camera, box = Camera.from_field_of_view(30, 128, 128), (28, 12, 95, 125)
+    (image,) = render(next(iter(meshes.values())), torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)
+    near, wrong = (estimate_pose(image, meshes, box=box, initial=(first, 20), within=10) for first in (35, 200))
+    assert near.confidence is not None
+    assert near.confidence > 0.9
+    assert wrong.confidence is not None
+    assert wrong.confidence < 0.01
+    # the other side is no answer where it is not allowed
+    assert all(azimuth_distance(pose.azimuth, 200) <= 10 for pose in (wrong, *wrong.runners_up))
+    if models > 1:
+        flat = estimate_pose(torch.full_like(image, 0.5), meshes, box=box, initial=(200, 20), within=10)
+        assert flat.confidence is not None
+        assert flat.confidence < 0.3

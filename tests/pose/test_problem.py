@@ -15,7 +15,7 @@ from torch.testing import assert_close
 
 from nablahog.inputs.boxes import Box
 from nablahog.inputs.cameras import as_view
-from nablahog.pose import PoseEstimate, best_search
+from nablahog.pose import PoseEstimate, search_steps
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object
 from nablahog.pose.model import prepared_model
@@ -212,7 +212,7 @@ def test_there_may_be_no_views_elsewhere() -> None:
 
 
 def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(best_search, "view_descriptors", lambda *_: torch.zeros(48, 9, 16, 16))
+    monkeypatch.setattr(search_steps, "view_descriptors", lambda *_: torch.zeros(48, 9, 16, 16))
     monkeypatch.setattr(Similarity, "values", lambda self, poses: torch.zeros(len(poses), dtype=torch.float64))
     search = BestSearch(problem())
     views = search.find_level_views()

@@ -28,6 +28,8 @@ class Evidence:
             :meth:`.similarity.CalibratedTemplate.sidelobe`.
         agreement: share of the votes of several models' poses that are for its side; 1 for a single model.
         shares: of the runners-up, as :attr:`.PoseEstimate.share` has them, 0…1.
+        in_range: probability that the azimuth is near those that were searched, see
+            :func:`.evidence.probability_in_range`; 1 for a search of all.
     """
 
     known_model: bool
@@ -36,6 +38,7 @@ class Evidence:
     sidelobe: float
     agreement: float
     shares: tuple[float, ...]
+    in_range: float = 1.0
 
 
 class Weights(NamedTuple):
@@ -58,7 +61,8 @@ _LEAST = 1e-9  # of what a logarithm is taken of
 def probabilities(evidence: Evidence, weights: Weights | None = None) -> tuple[float, ...]:
     """Probabilities that the rotation of the best pose, and of each runner-up, is within 15° of the true one.
 
-    What is missing to 1 is the probability that none of them is.  ``weights`` are those of this module by default.
+    What is missing to 1 is the probability that none of them is, as when the azimuth is outside the range searched.
+    ``weights`` are those of this module by default.
     """
     if weights is None:
         weights = KNOWN_MODEL if evidence.known_model else UNKNOWN_MODEL
@@ -67,10 +71,10 @@ def probabilities(evidence: Evidence, weights: Weights | None = None) -> tuple[f
         + weights.similarity * math.log1p(max(evidence.similarity, 0.0))
         + weights.penalty * evidence.penalty
         + weights.sidelobe * evidence.sidelobe
-        + weights.agreement * evidence.agreement
+        + weights.agreement * evidence.agreement * evidence.in_range
     )
     logits = [best, *(best + weights.share * math.log(max(share, _LEAST)) for share in evidence.shares)]
     highest = max(0.0, *logits)
     odds = [math.exp(logit - highest) for logit in logits]
     total = math.exp(-highest) + sum(odds)
-    return tuple(each / total for each in odds)
+    return tuple(evidence.in_range * each / total for each in odds)

@@ -14,7 +14,15 @@ from torch import Tensor
 from ..inputs.boxes import Box
 from ..render import PARAMETERS
 from .crop import CROP_FILL, crop_object
-from .model import VIEW_COUNT, PreparedModel, equidistant_azimuths, fit_to_box, level_poses, signed_angles
+from .model import (
+    VIEW_COUNT,
+    PreparedModel,
+    azimuth_distance,
+    equidistant_azimuths,
+    fit_to_box,
+    level_poses,
+    signed_angles,
+)
 from .options import SimilarityKind
 from .photograph import PreparedPhotograph
 from .result import PoseEstimate
@@ -59,6 +67,10 @@ class PoseProblem:
     def allowed(self) -> Tensor:
         """Which of the views around a model are searched, (VIEW_COUNT,), bool."""
         return allowed_azimuths(equidistant_azimuths(VIEW_COUNT), self.initial, self.within)
+
+    def allows(self, azimuth: float) -> bool:
+        """Whether an azimuth, degrees, is searched."""
+        return self.initial is None or azimuth_distance(azimuth, self.initial[0]) <= self.within
 
     def limit_azimuths(self, poses: Tensor) -> Tensor:
         """Poses (N, 6) with azimuths at most ``within`` degrees from the initial one, not beyond a pole."""

@@ -60,6 +60,7 @@ class PoseEstimate(PoseGeometry):
         box: of the object, pixels: the one given, or the one where it was found.
         confidence: probability that the whole rotation is within 15°, in 0…1, see :mod:`.confidence`, of a runner-up
             that it is that one's; None for similarities other than ``"calibrated"`` and methods other than ``"best"``.
+            It counts that the object may be seen from outside the range of ``within``, if views from there fit better.
             What is missing to 1 from the sum of a pose's and its runners-up's is that none of them is right.
         evidence: the figures that the confidence rests on; None for a runner-up, and if there is no confidence.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
@@ -127,9 +128,9 @@ class PoseEstimate(PoseGeometry):
     def half_turn(self) -> float | None:
         """Probability that the object is seen from the opposite side: the sum of the confidences of such runners-up.
 
-        Front and back of many objects look alike.  None without a confidence.
+        Front and back of many objects look alike.  None without a confidence, and for a runner-up.
         """
-        if self.confidence is None:
+        if self.confidence is None or self.evidence is None:
             return None
         around = [rival for rival in self.runners_up if azimuth_distance(rival.azimuth, self.azimuth) >= OPPOSITE]
         return math.fsum(rival.confidence or 0.0 for rival in around)
