@@ -53,9 +53,11 @@ class Reconstruction(Generic[Values]):
         iterates: (iterations + 1, B, 1, H, W) in 0…1, the image after each iteration, from the start on; None unless
             :class:`.arguments.AsPublished` asks for them.
         polarity_confidence: (B,) in 0…1, probability that the image as a whole is not a negative, by a learned prior
-            for unsigned descriptors; None without one.  Single regions may be negatives all the same.
+            for unsigned descriptors; None without one.  At most 0.88 by the package's.  Single regions may be negatives
+            all the same.
         region_confidence: (B, 1, H, W) in 0…1, probability that the region around a pixel, which a Gaussian of 8 pixels
-            sees, is rightly brighter or darker than the image's mean, by the same prior.
+            sees, is rightly brighter or darker than the image's mean, by the same prior; below 0.5 the opposite is
+            likelier.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> descriptor = nablahog.hog(torch.rand(2, 1, 16, 16), spec)

@@ -148,9 +148,10 @@ def difference(picture: Picture, reference: Picture) -> NDArray[np.float64]:
 
 
 def fade_unsure(picture: Picture, confidence: Picture, sure: float) -> NDArray[np.float64]:
-    """A picture (H, W) in 0…1, the grayer the nearer the confidence (H, W) in its brightness is to 0.5.
+    """A picture (H, W) in 0…1, the grayer the lower the confidence (H, W) that its brightness is right.
 
-    It has its own contrast where the confidence is at least ``sure``, and its mean where it is at most 0.5.
+    It has its own contrast where the confidence is at least ``sure``, and its mean where it is at most 0.5: what is
+    surely wrong is not shown either.
     """
     image, chances = as_array(picture), as_array(confidence)
     contrast = np.clip((chances - 0.5) / (sure - 0.5), 0, 1)

@@ -41,8 +41,8 @@ class Inversion:
         iterates: by their number: the images after 0, 1, 2 and all iterations of the paper's search.
         polarity: the learned prior's probability that the pre-image as a whole is not a negative; None for signed
             descriptors, for templates, and without a prior.
-        sure_regions: the share of pixels of which the prior is sure whether the region around them is bright or dark;
-            None as before.
+        sure_regions: the share of pixels for which the prior is at least 0.8 sure that the region around them is
+            rightly bright or dark; regions that it is sure are wrong do not count.  None as before.
         regions: (H, W) in 0…1, its probability that they are rightly bright or dark; None as before.
         samples: (K, H, W), further answers that the prior thinks possible, if they were asked for.
         agreement: of the samples, see :class:`nablahog.invert.Samples`.
@@ -108,7 +108,7 @@ class Inversion:
             negative = f"The negative of the image found from the HOG of {of}, which has the same HOG"
             drawn.append(Panel(1 - self.preimage, f"or its negative{odds}", negative))
         if self.faded is not None:
-            gray = f"The same image, the grayer the less the prior knows whether a region of {of} is bright or dark"
+            gray = f"The same image, the grayer the less sure it is that a region of {of} is rightly bright or dark"
             drawn.insert(2, Panel(self.faded, "gray where unsure", gray))
         if photo is None or self.source.gray_photo is None:
             return drawn
@@ -144,7 +144,7 @@ class Inversion:
 
     @cached_property
     def faded(self) -> NDArray[Any] | None:
-        """The pre-image, gray where it is not known what is bright; None as ``regions``."""
+        """The pre-image, gray where it is not known what is bright, or probably wrong; None as ``regions``."""
         return None if self.regions is None else fade_unsure(self.preimage, self.regions, SURE)
 
     def write(self, folder: Path) -> None:

@@ -30,7 +30,7 @@ POLARITY = (
 )
 REGIONS = (
     "Opposite gradients share a bin, so the descriptor hardly tells which regions are bright. In {share:.0%} of the "
-    f"image the prior is at least {SURE:.0%} sure of it. The rest is drawn grayer."
+    f"image the prior is at least {SURE:.0%} sure that the pre-image is right about it. The rest is drawn grayer."
 )
 SAMPLES = "Agreement of the samples, which can share a mistake; the mean magnitude of their pairwise correlations"
 SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."

@@ -180,7 +180,9 @@ class LearnedPrior(LearnedModel):
             histograms: as for :meth:`expected`.
 
         Returns:
-            (B,) in 0…1; an image and its negative sum to 1.  1 for signed descriptors, which determine the polarity.
+            (B,) in 0…1; an image and its negative sum to 1, a constant image gets 0.5.  It is at most
+            (1 + calibration.share) / 2, 0.88 for the package's prior.  1 for signed descriptors, which determine the
+            polarity.
 
         Raises:
             TypeError, ValueError: as :meth:`expected`.
@@ -199,7 +201,9 @@ class LearnedPrior(LearnedModel):
             images, descriptor, spec, histograms: as for :meth:`polarity_confidence`.
 
         Returns:
-            (B, 1, H, W) in 0…1; an image and its negative sum to 1.  1 for signed descriptors.
+            (B, 1, H, W) in 0…1; an image and its negative sum to 1, a constant image gets 0.5.  Below 0.5 the opposite
+            is likelier.  No region is surer than the polarity can be, so with the package's prior few reach 0.8.  1 for
+            signed descriptors.
 
         Raises:
             TypeError, ValueError: as :meth:`expected`.
