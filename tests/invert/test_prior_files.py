@@ -1,0 +1,99 @@
+"""Files of learned priors, those of the package, and arguments that do not fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nablahog import hog, reconstruct
+from nablahog.invert import default_prior, reconstruct_samples
+from nablahog.invert.prior.choice import PRIOR_FOLDER
+
+from ..io import tiny_models
+from ..io.archives import check_refused
+from .photographs import photograph
+from .prior_dialects import FEW, PAPER, UOCTTI
+
+
+def test_what_does_not_fit() -> None:
+    prior, descriptor = tiny_models.prior(PAPER), hog(photograph(64), PAPER)
+    of_signed = hog(photograph(64), UOCTTI)
+    with pytest.raises(ValueError, match=r"prior is for unsigned descriptors, .* uoctti descriptor is signed"):
+        prior.expected(of_signed, UOCTTI, (64, 64))
+    with pytest.raises(ValueError, match="expected images and a prior contradict each other"):
+        reconstruct(descriptor, PAPER, prior=prior, expected=photograph(64))
+    with pytest.raises(ValueError, match="must have shape"):
+        prior.polarity_confidence(photograph(32), descriptor, PAPER)
+    for several in ([], [default_prior("paper")], [default_prior("uoctti")] * 2):
+        with pytest.raises(ValueError, match="expected one prior for signed descriptors, and at most one for others"):
+            reconstruct(of_signed, UOCTTI, prior=several, search=FEW)
+    wrong: list[Any] = ["best", [None]]
+    for none in wrong:
+        with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
+            reconstruct(descriptor, PAPER, prior=none, search=FEW)
+    with pytest.raises(ValueError, match="count must be an integer"):
+        reconstruct_samples(descriptor, PAPER, count=1)
+    with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
+        reconstruct_samples(descriptor, PAPER, prior=None)
+    with pytest.raises(ValueError, match="need a prior for unsigned descriptors"):
+        reconstruct_samples(of_signed, UOCTTI)
+
+
+COUNT = len(tiny_models.prior().weights)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"weights": np.full(COUNT, np.nan, np.float16)}, "the weights must lie within ±65504, got NaN, Inf or more"),
+        ({"weights": np.zeros(COUNT - 1, np.float16)}, rf"shape \({COUNT},\), got float16 of \({COUNT - 1},\)"),
+        ({"weights": np.zeros(COUNT, np.float32)}, "must be float16 of shape .* got float32"),
+        ({"spec": np.array(PAPER.to_json())}, "the weights must be"),
+        ({"widths": np.array([8, 8, 0])}, "widths must be integers in 1…1024"),
+        (
+            {"widths": np.array([8] * 4), "blocks": np.array([1, 0, 0, 0])},
+            "a prior for signed descriptors has 3 widths",
+        ),
+        ({"blocks": np.array([1, 0, 0, 0])}, "as many widths as blocks"),
+    ],
+)
+def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: dict[str, Any], says: str) -> None:
+    check_refused(tiny_models.prior(), tmp_path / "p.npz", changed, says)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (1.0,),
+        (1.0, 1.1, 0.0, 1.0),
+        (-1.0, 1.0, 0.0, 1.0),
+        (1.0, 1.0, np.nan, 1.0),
+        ("1", 1.0, 0.0, 1.0),
+        (True, 1.0, 0.0, 1.0),
+    ],
+)
+def test_calibrations_other_than_four_numbers_in_range_are_refused(numbers: tuple[Any, ...]) -> None:
+    prior = tiny_models.prior(PAPER)
+    with pytest.raises(ValueError, match="calibration must be"):
+        replace(prior, learning=replace(prior.learning, calibration=numbers))
+
+
+def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.invert.prior.choice.PRIOR_FOLDER", tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"no unsigned\.npz, the prior for unsigned descriptors"):
+        reconstruct(hog(photograph(64), PAPER), PAPER, search=FEW)
+
+
+@pytest.mark.parametrize("spec", ["paper", "uoctti"])
+def test_the_readme_says_where_the_packages_priors_are_from(spec: str) -> None:
+    prior, readme = default_prior(spec), (PRIOR_FOLDER / "README.md").read_text(encoding="utf-8")
+    assert default_prior(spec) is prior
+    for text in (prior.learning.sha256, f"{len(prior.learning.images):,} ", f"--epochs {prior.learning.epochs}"):
+        assert text in readme
+    assert f"seed {prior.learning.seed}" in readme
+    assert prior.learning.start in readme
+    assert sum(file.stat().st_size for file in PRIOR_FOLDER.glob("*.npz")) <= 16 * 10**6
