@@ -8,6 +8,7 @@ import json
 import os
 import re
 from collections.abc import Callable
+from html import unescape
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -291,7 +292,13 @@ def test_standard_deviations_are_beside_the_figures(
     shown = f" ± {deviations['azimuth']:.2f}" if deviations["azimuth"] < 1 else f" ± {deviations['azimuth']:.1f}"
     for text in (printed, *((out / name).read_text() for name in ("index.html", "object_1.html"))):
         assert shown in text
+    for text in (printed, *(unescape((out / name).read_text()) for name in ("index.html", "object_1.html"))):
+        assert f"{result['position'][2]:.3f} ± " in text
+        assert "z, units of" in text
+        assert "half_turn" in text
+        assert not re.search(r"\de-\d", text)  # probabilities that nobody measured
     assert main([*common, "--focal", "unknown"]) == 0
+    assert "units of" not in capsys.readouterr().out
     (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
     assert row["distance_std"] == row["position_x_std"] == ""
     assert float(row["azimuth_std"]) > 0

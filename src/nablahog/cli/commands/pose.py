@@ -32,7 +32,7 @@ from ...runtime.pytorch import in_plain_mode
 from ...runtime.text import to_unicode
 from ..arguments.options import build_request
 from ..errors import REFUSED, SOME_SKIPPED, tell
-from ..results.pose_files import PosedObject, names, rows, write
+from ..results.pose_files import PosedObject, names, position_rows, rows, write
 from ..results.pose_page import pose_page
 from ..results.pose_pictures import join_pictures, joined_shape
 from ..terminal import counter, inform, print_table, say_page
@@ -74,6 +74,8 @@ def pose(arguments: Namespace) -> int:
             tell("pose", f"skipped: {_named(each)}")
         write(folder, posed, least)
     print_table(rows(posed))
+    if positions := position_rows(posed):
+        print_table(positions)
     say_page(folder / "index.html")
     z_up = request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}
     return _status(posed, least, AXES_HINT if z_up else "")

@@ -23,10 +23,16 @@ from ...viz import html
 from ...viz.pictures import Panel
 from .pose_pictures import split_pictures
 
+LEAST_SHOWN = 0.001  # probability of a half turn: confidences are not measured finely enough for less
 SHOWN = 100  # objects with pictures on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
 _CAMERA = ("focal_length", "focal_length_from")
+_HEADINGS = {"distance": "distance,\ndiagonals"}  # of columns, where they say the unit
+POSITIONS = (
+    "The middle of each model's bounding box along the camera's axes: x right, y down, z forward; of objects whose "
+    "camera is known. If the model's file is in millimetres, so are these."
+)
 
 DEFINITIONS = {
     "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
@@ -188,7 +194,7 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
 
 def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     """The most important figures, for a table."""
-    shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "second")
+    shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "second", "half_turn")
     return [
         {
             "image": posed.listed.image,
@@ -199,10 +205,28 @@ def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     ]
 
 
+def position_rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
+    """The positions of all objects whose camera is known, for a table."""
+    named = (({"image": one.listed.image, "object": one.listed.id}, show_position(one.figures)) for one in objects)
+    return [{**name, **position} for name, position in named if position]
+
+
+def show_position(figures: Mapping[str, Any]) -> dict[str, object]:
+    """The position of an object in the units of the model's file, as a row of a table; empty without a known camera."""
+    if figures.get("focal_length_from", "assumed") == "assumed":
+        return {}
+    deviations = figures["position_std"] or (None,) * 3
+    return {
+        f"{axis}, units of\nthe model's file": _with_deviation(value, deviation)
+        for axis, value, deviation in zip("xyz", figures["position"], deviations, strict=True)
+    }
+
+
 def define(names: Sequence[str], figures: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """The definitions of some figures of poses, and of standard deviations if there are any."""
+    """The definitions of the columns of a table of poses, and of standard deviations if there are any."""
     deviations = ["standard_deviations"] if any(pose.get("standard_deviations") for pose in figures) else []
-    return {name: text for name, text in DEFINITIONS.items() if name in (*names, *deviations)}
+    defined = {*(name.split(",\n")[0] for name in names), *deviations}
+    return {name: text for name, text in DEFINITIONS.items() if defined & {name, *name.split(", ")}}
 
 
 def show_figures(figures: Mapping[str, Any], names: Sequence[str]) -> dict[str, object]:
@@ -212,7 +236,10 @@ def show_figures(figures: Mapping[str, Any], names: Sequence[str]) -> dict[str, 
         shown["azimuth"] = "any"
     if "second" in shown:
         shown["second"] = _say_second(figures.get("second"))
-    return shown
+    half_turn = figures.get("half_turn")
+    if "half_turn" in shown and half_turn is not None and half_turn < LEAST_SHOWN:
+        shown["half_turn"] = html.Shown(half_turn, f"< {LEAST_SHOWN:g}")
+    return {_HEADINGS.get(name, name): value for name, value in shown.items()}
 
 
 def _say_second(rival: Mapping[str, Any] | None) -> str | None:
@@ -255,6 +282,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
     sections = [
         html.Section("Outlines", f"Objects with the outline of the model that fits best, and closer.{first}", panels),
+        html.Section("Positions", POSITIONS, table=position_rows(objects)),
         html.Section("Doubtful poses", "Poses that are more likely wrong than right, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]

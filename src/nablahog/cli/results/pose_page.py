@@ -24,7 +24,7 @@ from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs
 from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
-from .pose_files import define, show_figures
+from .pose_files import POSITIONS, define, show_figures, show_position
 from .pose_pictures import close_up, outline_photograph
 
 HEIGHT = 320  # of the pictures of the overlay
@@ -77,6 +77,7 @@ def pose_page(
         lengths = f"focal lengths {camera.fx:g} and {camera.fy:g}, principal point {camera.cx:g}, {camera.cy:g}"
         coefficients = ", ".join(f"{coefficient:g}" for coefficient in camera.distortion)
         settings["undistorted, as the box is, from the camera"] = f"{lengths}, k1, k2, p1, p2, k3 {coefficients}"
+    figures = pose_figures(estimate)
     sections = [
         html.Section(
             "Overlay",
@@ -85,6 +86,7 @@ def pose_page(
             [*overlay(photograph, estimate, mesh), *_second_answer(photograph, estimate, meshes)],
         ),
         similarity_by_azimuth(matched, estimate, mesh),
+        html.Section("Position", POSITIONS, table=[position] if (position := show_position(figures)) else []),
         html.Section(
             "Visual elements",
             "In red, the most discriminative patches of the object, and the same regions of the rendering. The "
@@ -97,7 +99,6 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    figures = pose_figures(estimate)
     row = {"image": name, **show_figures(figures, _FIGURES)}
     mind = warning(estimate)
     return html.page(
