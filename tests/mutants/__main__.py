@@ -5,7 +5,7 @@
 
 Operators, comparisons, signs, numbers, returned values and the order of arguments are changed, and statements dropped,
 in a copy of this checkout, in Python and in C++.  For each change run the tests that execute the line, the quickest
-first, as coverage.py has recorded it in one run of each part of the tests; for C++ those that call it.  The record and
+first, as coverage.py has recorded it in one run of each file of tests; for C++ those that call it.  The record and
 the results are files in out/mutants: what has been tried is not tried again, until the file of the line changes.
 """
 
@@ -18,7 +18,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.mutants.coverage_record import Record, list_parts
+from tests.mutants.coverage_record import Record, list_test_files
 from tests.mutants.mutant import Checkout, Mutant, draw_mutants
 from tests.mutants.results import Result, Results, function_name, judge_tests, key_of, read_equivalent, summarize
 from tests.mutants.runs import PRELOADED, Tree, preload, run_all_tests, run_tests
@@ -51,7 +51,7 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=200, help="lines")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--under", nargs="*", default=[], metavar="ROOM", help="folders or files of src/nablahog")
-    parser.add_argument("--tests", nargs="*", metavar="PART", help="folders or files of tests; else all")
+    parser.add_argument("--tests", nargs="*", default=[], metavar="FOLDER", help="folders or files of tests; else all")
     parser.add_argument("--part", default="1/1", metavar="K/N", help="the Kth of N parts of the lines")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no further line is tried")
     parser.add_argument("--all", action="store_true", help="list all tests that notice a mutant, not only the first")
@@ -67,15 +67,15 @@ def main(arguments: Sequence[str] | None, checkout: Checkout, preloaded: Sequenc
     end = time.monotonic() + 60 * options.minutes
     out = checkout.root / options.out
     results = Results(out / "results.jsonl")
-    parts = list_parts(checkout.root) if options.tests is None else options.tests
-    record = Record(checkout, out / "coverage", parts)
+    test_files = list_test_files(checkout.root, options.tests)
+    record = Record(checkout, out / "coverage", test_files)
     part, count = map(int, options.part.split("/"))
     drawn = draw_mutants(checkout, options.under, options.count, options.seed)[part - 1 :: count]
     if not options.report:
         preload(preloaded)
         with tempfile.TemporaryDirectory() as folder:
             tree = Tree(checkout, Path(folder))
-            for name in parts:
+            for name in test_files:
                 record.add(name, tree.path)
             for mutant in itertools.takewhile(lambda _: time.monotonic() < end, drawn):
                 known = results.find(mutant)

@@ -1,4 +1,4 @@
-"""Which tests execute which lines, and how long they take: of one run of each part of the tests."""
+"""Which tests execute which lines, and how long they take: of one run of each file of tests."""
 
 from __future__ import annotations
 
@@ -14,24 +14,19 @@ from coverage import CoverageData
 from tests.mutants.mutant import Checkout
 from tests.mutants.runs import run_tests
 
-PART_LIMIT = 3600.0  # seconds of the tests of a part
+FILE_LIMIT = 1200.0  # seconds of the tests of a file
 BUDGET = 120.0  # seconds of the tests of a mutant
 STARTING_PROCESSES = ("cli", "app", "jobs", "runtime")  # rooms whose lines run in processes that coverage.py misses
 
 
-def list_parts(root: Path) -> list[str]:
-    """Returns the folders and files directly in ``tests`` that have tests."""
+def list_test_files(root: Path, wanted: list[str]) -> list[str]:
+    """Returns the files of tests, of some folders of ``tests`` or of all but the tool's own."""
     files = (path.relative_to(root / "tests") for path in (root / "tests").rglob("test_*.py"))
-    return sorted({file.parts[0] for file in files} - {"mutants"})
-
-
-def digest_tests(root: Path, part: str) -> str:
-    """Returns a digest of the Python files of a part of the tests."""
-    entry = root / "tests" / part
-    digest = hashlib.sha256()
-    for path in sorted(entry.rglob("*.py")) if entry.is_dir() else [entry]:
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+    return sorted(
+        str(file)
+        for file in files
+        if (any(map(file.is_relative_to, wanted)) if wanted else not file.is_relative_to("mutants"))
+    )
 
 
 class Record:
@@ -41,46 +36,49 @@ class Record:
         seconds: of each test that passes.
     """
 
-    def __init__(self, checkout: Checkout, folder: Path, parts: list[str]) -> None:
+    def __init__(self, checkout: Checkout, folder: Path, test_files: list[str]) -> None:
         self.checkout = checkout
         self.folder = folder
-        self.parts: dict[str, tuple[dict[str, Any], CoverageData]] = {}
+        self.runs: dict[str, tuple[dict[str, Any], CoverageData]] = {}
         self.seconds: dict[str, float] = {}
-        for part in parts:
-            if self._has(part):
-                self._load(part)
+        for name in test_files:
+            if self._has(name):
+                self._load(name)
 
-    def _has(self, part: str) -> bool:
-        path = self.folder / f"{part}.json"
-        return path.exists() and json.loads(path.read_text())["tests"] == digest_tests(self.checkout.root, part)
+    def _has(self, name: str) -> bool:
+        path = self.folder / f"{name}.json"
+        return path.exists() and json.loads(path.read_text())["digest"] == self._digest(name)
 
-    def _load(self, part: str) -> None:
-        data = CoverageData(str(self.folder / f"{part}.coverage"))
+    def _load(self, name: str) -> None:
+        data = CoverageData(str(self.folder / f"{name}.coverage"))
         data.read()
-        description = json.loads((self.folder / f"{part}.json").read_text())
-        self.parts[part] = description, data
+        description = json.loads((self.folder / f"{name}.json").read_text())
+        self.runs[name] = description, data
         self.seconds.update(description["seconds"])
 
-    def add(self, part: str, tree: Path) -> None:
-        """Runs a part of the tests in a copy of the checkout, unless the record has it as it is now."""
-        if part in self.parts:
+    def _digest(self, name: str) -> str:
+        return hashlib.sha256((self.checkout.root / "tests" / name).read_bytes()).hexdigest()[:12]
+
+    def add(self, name: str, tree: Path) -> None:
+        """Runs a file of tests in a copy of the checkout, unless the record has it as it is now."""
+        if name in self.runs:
             return
-        self.folder.mkdir(parents=True, exist_ok=True)
         # coverage.py reads its settings from the folder that it runs in
-        settings, data = tree / "coverage.cfg", self.folder / f"{part}.coverage"
+        settings, data = tree / "coverage.cfg", self.folder / f"{name}.coverage"
+        data.parent.mkdir(parents=True, exist_ok=True)
         data.unlink(missing_ok=True)
         settings.write_text(f"[run]\ndata_file = {data}\nsource = {self.checkout.package.name}\n")
         wanted = (f"--cov-config={settings}", "--cov", "--cov-context=test", "--cov-report=")
-        outcomes = run_tests(tree, [f"tests/{part}"], PART_LIMIT, *wanted)
-        if not any(outcome.result == "passed" for outcome in outcomes):
-            raise RuntimeError(f"no test of tests/{part} passes: {(tree / 'output.txt').read_text()[-1000:]}")
+        outcomes = run_tests(tree, [f"tests/{name}"], FILE_LIMIT, *wanted)
+        if outcomes and not any(outcome.result == "passed" for outcome in outcomes):
+            raise RuntimeError(f"no test of tests/{name} passes: {(tree / 'output.txt').read_text()[-1000:]}")
         description = {
-            "tests": digest_tests(self.checkout.root, part),
+            "digest": self._digest(name),
             "seconds": {outcome.test: outcome.seconds for outcome in outcomes if outcome.result == "passed"},
             "sources": {str(file): self.checkout.digest(file) for file in self.checkout.sources([])},
         }
-        (self.folder / f"{part}.json").write_text(json.dumps(description, indent=1))
-        self._load(part)
+        (self.folder / f"{name}.json").write_text(json.dumps(description, indent=1))
+        self._load(name)
 
     def tests(self, file: Path, line: int) -> list[str]:
         """Returns the tests that execute a line, or else any line of the file after its import; the quickest first.
@@ -88,7 +86,7 @@ class Record:
         For a line of C++, those that execute a line of Python that calls a function of a library built from the file.
         """
         lines = [(file, line)] if file.suffix == ".py" else list(find_calls(self.checkout, file))
-        contexts = {context for pair in lines for context in self._contexts(*pair)}
+        contexts = {context for place in lines for context in self._contexts(*place)}
         names = {context.split("|")[0] for context in contexts} & self.seconds.keys()
         if not names and file.parts[0].removesuffix(".py") in STARTING_PROCESSES:
             names = {test for test in self.seconds if f"tests/{file.parts[0]}/" in test}
@@ -102,16 +100,19 @@ class Record:
             wanted.append(test)
         return wanted
 
-    def _contexts(self, file: Path, line: int) -> Iterator[str]:
-        for description, data in self.parts.values():
-            measured = [path for path in data.measured_files() if Path(path).match(str(self.checkout.package / file))]
-            for path in measured:
-                of_lines = data.contexts_by_lineno(path)
-                same = description["sources"].get(str(file)) == self.checkout.digest(file)
-                contexts = of_lines.get(line, []) if same else []
-                if not any(contexts):  # executed by an import alone, or elsewhere in the file than when it was recorded
-                    contexts = [context for contexts in of_lines.values() for context in contexts]
-                yield from contexts
+    def _contexts(self, file: Path, line: int) -> set[str]:
+        exact: set[str] = set()
+        anywhere: set[str] = set()
+        digest = self.checkout.digest(file)
+        for description, data in self.runs.values():
+            for path in data.measured_files():
+                if path.endswith(f"/{self.checkout.package / file}"):
+                    of_lines = data.contexts_by_lineno(path)
+                    everything = {context for contexts in of_lines.values() for context in contexts if context}
+                    anywhere |= everything
+                    same = description["sources"].get(str(file)) == digest  # else lines have other numbers
+                    exact |= set(of_lines.get(line, [])) - {""} if same else everything
+        return exact or anywhere  # the latter for what an import executes
 
 
 def find_calls(checkout: Checkout, file: Path) -> Iterator[tuple[Path, int]]:
