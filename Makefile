@@ -11,7 +11,7 @@ tools := $(VENV)/.tools
 package := $(VENV)/.package
 development := $(VENV)/.development
 
-.PHONY: demo app native loops test sanitize docs coverage fuzz mutants bounds generated lint wheels clean
+.PHONY: demo app native loops test sanitize docs coverage fuzz mutants alone bounds generated lint wheels clean
 
 demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
 	@echo "Inverting both descriptors of a photograph"
@@ -31,7 +31,7 @@ loops: $(tools)
 	    then $(bin)/cmake --build build/native -- --quiet; \
 	    else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
 
-test sanitize docs coverage fuzz mutants generated: native $(development)
+test sanitize docs coverage fuzz mutants alone generated: native $(development)
 
 test:  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal
@@ -54,6 +54,9 @@ fuzz:  ## half an hour of hostile input, other every time: specs, descriptors, f
 
 mutants:  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose --all")
 	$(bin)/python -m tests.mutants $(ARGS)
+
+alone:  ## tests in other orders, processes and surroundings, which must all give the same (ARGS="tests/viz tests/io")
+	$(bin)/python -m tests.run_orders $(ARGS)
 
 bounds: $(tools)  ## the tests with the lowest and the newest versions allowed, on each Python found (ARGS="tests/io")
 	$(bin)/python -m pip install --quiet uv

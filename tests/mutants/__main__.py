@@ -31,9 +31,9 @@ def limit_of(seconds: float) -> float:
     return 60 + 5 * seconds
 
 
-def try_mutant(mutant: Mutant, tree: Tree, record: Record, all_tests: bool) -> Result:
+def try_mutant(mutant: Mutant, tree: Tree, record: Record, seconds: float, all_tests: bool) -> Result:
     """Runs the tests of a mutant, all of them or up to the first that notices it."""
-    tests = record.tests(mutant.file, mutant.line)
+    tests = record.tests(mutant.file, mutant.line, seconds)
     result = Result(str(mutant), key_of(mutant), [], complete=all_tests)
     with tree.broken(mutant) as result.counts:
         if not result.counts or not tests:
@@ -54,6 +54,7 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--tests", nargs="*", default=[], metavar="FOLDER", help="folders or files of tests; else all")
     parser.add_argument("--part", default="1/1", metavar="K/N", help="the Kth of N parts of the lines")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="after which no further line is tried")
+    parser.add_argument("--seconds", type=float, default=60, help="of tests for a mutant, the quickest of them")
     parser.add_argument("--all", action="store_true", help="list all tests that notice a mutant, not only the first")
     parser.add_argument("--again", action="store_true", help="try those that survived again")
     parser.add_argument("--report", action="store_true", help="try nothing; say which tests the mutants need")
@@ -80,7 +81,7 @@ def main(arguments: Sequence[str] | None, checkout: Checkout, preloaded: Sequenc
             for mutant in itertools.takewhile(lambda _: time.monotonic() < end, drawn):
                 known = results.find(mutant)
                 if known is None or (options.all and not known.complete) or (options.again and not known.noticed):
-                    result = try_mutant(mutant, tree, record, options.all)
+                    result = try_mutant(mutant, tree, record, options.seconds, options.all)
                     results.add(result)
                     state = "noticed " if result.noticed else "SURVIVED" if result.counts else "same C++"
                     print(f"{state} {mutant}", flush=True)

@@ -15,7 +15,6 @@ from tests.mutants.mutant import Checkout
 from tests.mutants.runs import run_tests
 
 FILE_LIMIT = 1200.0  # seconds of the tests of a file
-BUDGET = 120.0  # seconds of the tests of a mutant
 STARTING_PROCESSES = ("cli", "app", "jobs", "runtime")  # rooms whose lines run in processes that coverage.py misses
 
 
@@ -80,7 +79,7 @@ class Record:
         (self.folder / f"{name}.json").write_text(json.dumps(description, indent=1))
         self._load(name)
 
-    def tests(self, file: Path, line: int) -> list[str]:
+    def tests(self, file: Path, line: int, most_seconds: float) -> list[str]:
         """Returns the tests that execute a line, or else any line of the file after its import; the quickest first.
 
         For a line of C++, those that execute a line of Python that calls a function of a library built from the file.
@@ -95,7 +94,7 @@ class Record:
         wanted: list[str] = []
         for test in ordered:
             total += self.seconds[test]
-            if total > BUDGET and wanted:
+            if total > most_seconds and wanted:
                 break
             wanted.append(test)
         return wanted

@@ -37,20 +37,6 @@ def same(one: PoseEstimate, other: PoseEstimate) -> bool:
     return bool(torch.equal(one.pose, other.pose)) and one.similarity == other.similarity
 
 
-@pytest.mark.parametrize("azimuth", [5, 215])
-def test_a_clean_rendering(azimuth: float) -> None:
-    image, box = photographed(model(), azimuth, 18)
-    estimate = estimate_pose(image, model(), box=box)
-    assert degrees_between(estimate.azimuth, azimuth) < 2
-    assert abs(estimate.elevation - 18) < 4
-    assert abs(estimate.theta) < 3
-    assert estimate.similarity_kind == "calibrated"
-    assert estimate.renderings > 100
-    (trace,) = [trace for trace in estimate.traces if trace.azimuths[-1] % 360 == estimate.azimuth]
-    assert len(trace.azimuths) == 4  # a view all around, the ends of a coarse and a short ascent, and the maximum
-    assert list(trace.similarities) == sorted(trace.similarities)
-
-
 def test_the_pose_is_one_for_the_photograph(cluttered: Scene) -> None:
     """The box is away from the middle, so that a pose for the crop would not do."""
     image, box = cluttered

@@ -1,4 +1,4 @@
-"""Text without control characters for terminals, and of limited length."""
+"""Text as a terminal gets it: without control characters for terminals, and of limited length."""
 
 from __future__ import annotations
 
