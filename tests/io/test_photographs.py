@@ -57,12 +57,21 @@ def test_as_they_are(folder: Path) -> None:
     torch.testing.assert_close(result, torch.from_numpy(expected))
 
 
+def _make_below(path: Path) -> None:
+    """An empty folder, one with images, and a file that is none."""
+    for name in ("dev", "assets"):
+        (path / name).mkdir(parents=True)
+    (path / "dev" / "1.png").touch()
+    (path / "a.txt").touch()
+
+
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
         (lambda path: None, FileNotFoundError, "no such folder"),
         (lambda path: path.touch(), NotADirectoryError, "expected a folder of images, got a file"),
-        (lambda path: path.mkdir(), ValueError, "it holds none"),
+        (lambda path: path.mkdir(), ValueError, "it holds none$"),
+        (_make_below, ValueError, "only its subfolders do: write .*dev$"),
     ],
 )
 def test_no_images(tmp_path: Path, make: object, error: type[Exception], message: str) -> None:

@@ -37,8 +37,8 @@ def _text(html: str) -> str:
 
 def test_figures_and_definitions(table: Table1) -> None:
     html = _html(table)
-    mean = table.table_rows()[4].statistics["cc"]
-    for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.287, 0.121):
+    mean = table.table_rows()[0].statistics["cc"]
+    for number in (mean.mean, mean.median, 0.760, 1.908, 0.433, 0.121):
         assert f"{number:.3f}" in html
     assert f"{mean.low:.3f} … {mean.high:.3f}\nmedian {mean.median:.3f}" in html
     for name in ("UoCTTI HOG", "Dalal&#39;s HOG", *LEVELS.rows, "bovw", "seconds"):
@@ -90,8 +90,6 @@ def test_remarks(table: Table1, tmp_path: Path) -> None:
 
 def test_terminal(table: Table1) -> None:
     rows = {row["method"]: row for row in table1_page.terminal_rows(table)}
-    assert rows["bovw"]["CC"] is None
-    assert rows["bovw"]["CC\npaper"] == 0.287
     assert rows["uoctti-single"]["n"] == 4
     assert rows["dalal-multi-scale"]["n"] == 3
     assert rows["dalal-multi-scale"]["SSIM\npaper"] == 0.293
@@ -108,5 +106,5 @@ def test_mi_has_no_mean_over_images_of_several_sizes(table: Table1, tmp_path: Pa
     assert "MI" in remark
     some = photographs(2)
     some.images = {"0.png": some.images["0.png"][:16], "1.png": some.images["1.png"][:, :16]}
-    assert {line.statistics["mi"].n for line in made(tmp_path / "turned", some, SEEN).table_rows()} == {0, 2}
+    assert {line.statistics["mi"].n for line in made(tmp_path / "turned", some, SEEN).table_rows()} == {2}
     assert table1_page.remarks([], {}, some) == []

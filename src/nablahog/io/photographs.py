@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
     entries = sorted(_entries(folder, recursive))
     files = [entry for entry in entries if entry.suffix.lower() in endings and not entry.is_dir()]
     if not files:
-        raise ValueError(f"{folder}: expected a folder of images, but it holds none")
+        raise ValueError(f"{folder}: expected a folder of images, but it holds none{_advise(entries, endings)}")
     result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
     for path in files[:limit]:
         name = _name(path, folder)
@@ -67,6 +68,15 @@ def _entries(folder: Path, recursive: bool) -> Iterator[Path]:
             yield from _entries(entry, recursive)
         else:
             yield entry
+
+
+def _advise(entries: Iterable[Path], endings: Collection[str]) -> str:
+    """The first subfolder that has images, to be written instead."""
+    for inner in entries:
+        with suppress(OSError):  # it is no folder, or may not be read
+            if any(path.suffix.lower() in endings for path in inner.iterdir()):
+                return f", only its subfolders do: write {inner}"
+    return ""
 
 
 def sample_photographs(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:

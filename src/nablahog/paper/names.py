@@ -98,9 +98,6 @@ PUBLISHED = {
 The last level, 1/1, is also the row of the method itself.  The paper's own method stands beside the rows that search as
 it does, and beside ours."""
 
-BASELINES = {NO_HOG: ("bovw",), UOCTTI: ("hoggles", "cnn-hog", "cnn-hogb")}
-"""The paper's baselines by group: shown even where ours did not run."""
-
 POSE_PUBLISHED: dict[str, dict[int, float]] = {
     "exemplar": {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23},
     "paper": {4: 58.85, 8: 40.74, 16: 22.22, 24: 16.87},

@@ -18,7 +18,7 @@ from ..io.photographs import Photographs
 from ..jobs.store import JobResult, digest, make_key
 from ..runtime.cache import code_key
 from .methods import MethodOutput, ReconstructionMethod, Table1Settings
-from .names import BASELINES, GROUPS, PUBLISHED
+from .names import GROUPS, PUBLISHED
 from .tables import Results, Statistics, run, spread_evenly, statistics, write_csv
 
 METRICS = ("cc", "abs_cc", "mi", "ssim", "psnr", "distance")
@@ -87,7 +87,7 @@ class Table1Row:
     """A row of the table: statistics by metric, and the means that the paper prints.
 
     MI has statistics only of images of one number of pixels, on which its bias depends.  ``seconds`` is the mean time
-    for an image; None for levels and for methods that did not run.
+    for an image; None for levels, and for methods that failed on all images.
     """
 
     row: str
@@ -105,14 +105,14 @@ class Table1(Results):
     photographs: Photographs
 
     def table_rows(self) -> list[Table1Row]:
-        """The table, group by group: the paper's baselines that did not run, then the methods that did."""
-        ran = {method.name for method in self.methods}
-        lines = []
-        for group in GROUPS:
-            rows = [row for row in BASELINES.get(group, ()) if row not in ran]
-            rows += [row for method in self.methods if method.group == group for row in method.rows]
-            lines += [self._table_row(row, group) for row in rows]
-        return lines
+        """The table of the methods that ran, group by group."""
+        return [
+            self._table_row(row, group)
+            for group in GROUPS
+            for method in self.methods
+            if method.group == group
+            for row in method.rows
+        ]
 
     def _table_row(self, row: str, group: str) -> Table1Row:
         figures, seconds = self.figures.get(row, {}), self.seconds.get(row, {})

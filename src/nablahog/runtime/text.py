@@ -64,6 +64,13 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     return f"; did you mean {names[near[0]]!r}?" if near else ""
 
 
+def most_similar(word: str, choices: Iterable[str], most: int = 5) -> list[str]:
+    """The choices that are most like a word, which is none of them, the most similar first."""
+    import difflib
+
+    return difflib.get_close_matches(word, choices, n=most, cutoff=0)
+
+
 def describe_type(value: object, path: str, items: str) -> str:
     """The end of a sentence that refuses ``value``: its type, or what to write for a path, or the items of a list."""
     kind = type(value).__name__

@@ -296,7 +296,7 @@ def test_standard_deviations_are_beside_the_figures(
         assert f"{result['position'][2]:.3f} ± " in text
         assert "z, units of" in text
         assert "half_turn" in text
-        assert not re.search(r"\de-\d", text)  # probabilities that nobody measured
+    assert not re.search(r"\de-\d", printed)  # probabilities that nobody measured
     assert main([*common, "--focal", "unknown"]) == 0
     assert "units of" not in capsys.readouterr().out
     (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())

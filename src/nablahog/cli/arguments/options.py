@@ -10,7 +10,7 @@ from typing import Any, NoReturn, TypeVar
 
 from ...requests.dialect import PRESETS, preset_defaults
 from ...requests.options import FLAG, Kind, integer, list_options, path, read_path
-from ...runtime.text import did_you_mean, one_line
+from ...runtime.text import did_you_mean, most_similar, one_line
 
 Request = TypeVar("Request")
 SEVERAL = "a folder (without subfolders) or a quoted pattern for all such files; - for stdin"
@@ -70,7 +70,8 @@ def chosen(kind: str, choices: Collection[str], sets: Mapping[str, Collection[st
         for name in names:
             if name not in choices:
                 meant = did_you_mean(name, [*choices, *sets])
-                raise argparse.ArgumentTypeError(f"expected {kind} from {', '.join(choices)}, got {name!r}{meant}")
+                near = ", ".join(most_similar(name, [*choices, *sets]))
+                raise argparse.ArgumentTypeError(f"expected {kind} such as {near}, got {name!r}{meant}")
         return list(dict.fromkeys(names))
 
     return parse

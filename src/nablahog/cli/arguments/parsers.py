@@ -180,7 +180,7 @@ def table1(commands: argparse._SubParsersAction[Parser]) -> None:
         help="compare all methods on a folder of images",
         description="Inverts the descriptors of all images by all methods of the paper's Table 1 and writes the table: "
         "the page index.html, summary.csv, per_image.csv, times.csv and failures.csv. An interrupted run is "
-        "resumed when it is repeated.",
+        "resumed when it is repeated; only the learning of bovw and hoggles, on the first run, begins again.",
     )
     options.images(command)
     _table(command, TABLE1, {"dialects": DIALECTS, "dialects-learned": LEARNED_DIALECTS, "published": AS_PUBLISHED})

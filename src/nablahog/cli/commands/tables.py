@@ -122,7 +122,7 @@ def _learn_missing(files: Mapping[str, Path], methods: Sequence[ReconstructionMe
     """Learns, from bundled photographs, the files that methods need and no option gives."""
     learned = {}
     for kind in dict.fromkeys(kind for method in methods for kind in method.needs if kind not in files):
-        with counter(f"nablahog table1, learning {kind}") as progress:
+        with counter(f"nablahog table1, learning {kind} (--methods without it skips this)") as progress:
             learned[kind] = learned_from_samples(kind, progress)
     return learned
 
