@@ -12,6 +12,7 @@ from skimage import data, feature
 
 import nablahog
 from nablahog import presets, which_hog
+from nablahog.invert.which import MOST_NAMED
 
 COLOUR = data.astronaut()[40:168, 190:254]  # 128x64
 GRAY = data.camera()[100:228, 200:264]
@@ -117,6 +118,37 @@ def test_a_pattern_is_not_taken_for_windows() -> None:
     stripes = np.zeros((120, 128, 3), np.uint8)
     stripes[::16] = stripes[1::16] = 255
     assert which_hog(nablahog.hog(stripes, "opencv", layout="native")).candidates[0].count == 1
+
+
+def test_what_no_check_tells_is_said() -> None:
+    vector = feature.hog(COLOUR, channel_axis=-1, transform_sqrt=True)
+    found = which_hog(vector)
+    for name in ("transform_sqrt", "channel_axis", "pixels_per_cell"):
+        assert name in found.assumed
+    assert found.assumed in repr(found)
+    known = {"skimage": {"channel_axis": -1, "transform_sqrt": True}}
+    assert which_hog(vector, (128, 64), dialects=known).assumed == ""
+    assert "gamma" in which_hog(opencv()).assumed
+    assert which_hog(ours("paper")).assumed == ""
+
+
+@pytest.mark.parametrize(
+    ("dialects", "words"),
+    [
+        ({"skimag": {}}, "got 'skimag'; did you mean 'skimage'"),
+        ({"opencv": {"win_sise": (64, 128)}}, "'opencv'.*got 'win_sise'; did you mean 'win_size'"),
+        ({"skimage": {"orientations": 0}}, "must be an integer"),
+    ],
+)
+def test_dialects_that_there_are_not(dialects: dict[str, dict[str, Any]], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        which_hog(np.zeros(3780), dialects=dialects)
+
+
+def test_a_summary_names_a_few() -> None:
+    found = which_hog(np.random.default_rng(0).random(3780))
+    assert len(found.candidates) > MOST_NAMED
+    assert repr(found).count(", or ") == MOST_NAMED - 1
 
 
 @pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.layout import TOKEN_CELLS, from_layout, native_shape
-from ..inputs.numbers import as_square_or_size
+from ..inputs.numbers import as_square_or_size, check_choice, check_type
 from ..io.descriptor_file import FittedLayout, find_layout, is_row
 
 Parameters = Mapping[str, Any]
@@ -34,6 +34,9 @@ VARIANTS: dict[str, dict[str, tuple[Any, ...]]] = {
     "vlfeat": {"variant": ("uoctti", "dalaltriggs")},
 }
 """Parameters that are tried with their values, beside orientations; the default first."""
+_UNTOLD = {"opencv": ("gamma",), "skimage": ("transform_sqrt", "channel_axis")}
+"""Parameters that change all numbers, but nothing that a check looks at."""
+_CELL_NAMES = ("cell_size", "pixels_per_cell")
 _ORIENTATION_NAMES = ("bins", "nbins", "orientations")
 MOST_ASPECT = 4  # of the sides of an image
 WINDOWED = "opencv"  # the preset whose library returns all windows of an image in one row
@@ -76,6 +79,36 @@ class Candidate:
         """The array as descriptors (B, rows, cols, channels) in float64."""
         native = torch.from_numpy(np.ascontiguousarray(array, np.float64)).reshape(-1, *self.how.shape)
         return from_layout(native, replace(self.spec, layout=self.how.layout), self.image_size)
+
+
+def check_dialects(dialects: Mapping[str, Parameters]) -> None:
+    """Raises TypeError or ValueError unless all are presets with their parameters, and values that they can have."""
+    for name, known in dialects.items():
+        check_choice("a preset in dialects", name, presets.__all__)
+        check_type(f"dialects[{name!r}]", known, Mapping, "{} if nothing is known")
+        preset = getattr(presets, name)
+        for parameter in known:
+            check_choice(f"a parameter in dialects[{name!r}]", parameter, inspect.signature(preset).parameters)
+        possible = False
+        for parameters in variants(name, known):
+            with suppress(ValueError):
+                possible |= bool(preset(**parameters))
+        if not possible:
+            preset(**known)
+
+
+def describe_assumptions(candidate: Candidate, *, is_size_known: bool) -> str:
+    """What no check tells of a candidate, as a sentence; empty if nothing is left."""
+    signature = inspect.signature(getattr(presets, candidate.preset)).parameters
+    names = (*_UNTOLD.get(candidate.preset, ()), *(() if is_size_known else _CELL_NAMES))
+    assumed = [
+        f"{name}={signature[name].default!r}"
+        for name in names
+        if name in signature and name not in candidate.parameters
+    ]
+    if not assumed:
+        return ""
+    return f"{' and '.join(assumed)} {'is' if len(assumed) == 1 else 'are'} assumed, which no check tells"
 
 
 def fit_shape(

@@ -16,11 +16,12 @@ from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
 from ..runtime.pytorch import in_threads
-from .candidates import WINDOWED, Candidate, Parameters, fit_shape
+from .candidates import WINDOWED, Candidate, Parameters, check_dialects, describe_assumptions, fit_shape
 from .preimage import reconstruct
 from .windows import find_windows
 
 MOST_NAMED = 3  # candidates in a summary
+NOTHING_FITS = "no preset fits; `dialects` tries other parameters, such as {'skimage': {'pixels_per_cell': (16, 16)}}"
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
 MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the shape is
 ROUNDING = 32  # units in the last place that a sum of entries may be off
@@ -37,19 +38,22 @@ class WhichHOG:
         candidates: what it can be, the likeliest first; empty if no preset makes such an array.
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
+        assumed: what no check tells of the first, as a sentence, if it was decided and there is something.
     """
 
     candidates: tuple[Candidate, ...]
     likely: int = 0
     decided_by: str = ""
+    assumed: str = ""
 
     def __repr__(self) -> str:
-        """The dialect and what decided, or all that the checks leave."""
+        """The dialect, what decided and what is assumed; or the first few of what the checks leave."""
         if self.decided_by:
-            return f"<WhichHOG {self.candidates[0].summary}, because {self.decided_by}>"
-        likely = self.candidates[: self.likely or MOST_NAMED]
+            assumed = f"; {self.assumed}" if self.assumed else ""
+            return f"<WhichHOG {self.candidates[0].summary}, because {self.decided_by}{assumed}>"
+        likely = self.candidates[: min(self.likely or MOST_NAMED, MOST_NAMED)]
         more = f", … ({len(self.candidates)} in all)" if len(self.candidates) > len(likely) else ""
-        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or 'no preset fits'}{more}>"
+        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or NOTHING_FITS}{more}>"
 
 
 def which_hog(
@@ -78,7 +82,8 @@ def which_hog(
 
     Raises:
         TypeError: the array holds no real numbers, or vectors of different lengths; or ``dialects`` is no dict.
-        ValueError: a parameter is none of its preset's, or the array holds NaN or Inf, or masks some entries.
+        ValueError: there is no such preset, or it has no such parameter or value; or the array holds NaN or Inf, or
+            masks some entries.
 
     >>> vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
     >>> found = nablahog.which_hog(vector)
@@ -97,6 +102,7 @@ def which_hog(
             "dialects must be a dict of known parameters by preset, got "
             f"{shortened(dialects)}: write {{'uoctti': {{}}}} of one"
         )
+    check_dialects(dialects or {})
     size = None if image_size is None else as_size("image_size", image_size)
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_rank_by_shape)
     # no descriptor has negative entries, and one that is 0 satisfies all
@@ -132,7 +138,9 @@ def which_hog(
         return WhichHOG(ranked, len(ranked))
     # windows without blocks in common look like one image of all their columns
     is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
-    return WhichHOG(ranked, len(remaining), decided_by if is_sure else "")
+    if not is_sure:
+        return WhichHOG(ranked, len(remaining))
+    return WhichHOG(ranked, 1, decided_by, describe_assumptions(ranked[0], is_size_known=size is not None))
 
 
 def _rank_by_shape(candidate: Candidate) -> tuple[bool, bool, int]:

@@ -83,7 +83,8 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
     if not found.decided_by:
         raise refusal
     first = found.candidates[0]
-    return complete(request, first, array.shape), first.how, found.decided_by
+    decided_by = f"{found.decided_by}; {found.assumed}" if found.assumed else found.decided_by
+    return complete(request, first, array.shape), first.how, decided_by
 
 
 def _window(length: int, request: GlyphRequest) -> tuple[int, ...]:
