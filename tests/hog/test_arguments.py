@@ -73,6 +73,8 @@ ODD_IMAGES = {
     "0…255 as an array": (np.full((16, 16), 255.0), "uoctti", "divide those in 0…255 by 255"),
     "digits in 0…16, black corners": (pad(torch.full((1, 1, 6, 6), 16.0), (1, 1, 1, 1)), "paper", "far beyond 0…1"),
     "standardised": (torch.linspace(2.6, -2.1, 768).reshape(1, 3, 16, 16), "paper", "far beyond 0…1"),
+    "of tanh": (torch.linspace(-1, 1, 256).reshape(1, 1, 16, 16), "opencv", r"pass \(images \+ 1\) / 2"),
+    "of tanh, large": (torch.linspace(-1, 1, 2**14).reshape(1, 1, 128, 128), "opencv", r"pass \(images \+ 1\) / 2"),
     "halves": (torch.full((1, 1, 16, 16), 255.0, dtype=torch.half), "uoctti", "divide those in 0…255 by 255"),
     "RGBA": (torch.zeros(1, 4, 16, 16), "uoctti", r"images have 4 channels, .* write images\[:, :3\]"),
     "colours": (torch.zeros(1, 3, 24, 24), "skimage", r"write presets\.skimage\(channel_axis=-1\)"),

@@ -72,9 +72,9 @@ def hog(
         ModuleNotFoundError: the backend is ``"triton"``, which is not installed.
 
     Warns:
-        UserWarning: the floats are far beyond 0…1 (above 2; some pixels are checked, on the CPU only); there are four
-            channels; the spec is scikit-image's for gray images, and there are three; or, once, a GPU is used without
-            Triton.
+        UserWarning: the floats are far beyond 0…1 (below -0.5 or above 2; some pixels are checked, on the CPU only);
+            there are four channels; the spec is scikit-image's for gray images, and there are three; or, once, a GPU is
+            used without Triton.
 
     >>> spec = nablahog.presets.uoctti(cell_size=8)
     >>> nablahog.hog(torch.rand(2, 3, 64, 48), spec).shape

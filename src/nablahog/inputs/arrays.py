@@ -34,6 +34,7 @@ ITEMS = "one call for each of them, or torch.stack or np.stack of those of one s
 SAMPLE_SPACING = 8  # every eighth row and column of a large image is looked at: values in 0…255 show in any few pixels
 FEW_VALUES = 2**12  # values that are all looked at
 LEVEL_OVERSHOOT = 1.0  # above white; filters overshoot by less
+LEVEL_UNDERSHOOT = 0.5  # below black; images in -1…1 go beyond
 
 AS_GRAY = "image.convert('L') of a PIL image, image[..., 0] of an array (H, W, 1), image[0] of a tensor (1, H, W)"
 
@@ -141,16 +142,19 @@ def warn_about_levels(images: Tensor, stacklevel: int) -> None:
     values = images.detach()
     try:
         if values.numel() <= FEW_VALUES:
-            largest = values.max().item()
+            least, largest = (value.item() for value in values.aminmax())
         else:  # NumPy is faster with slices, and wakes no threads
             spacing = min(SAMPLE_SPACING, min(values.shape[-2:]) // SAMPLE_SPACING) or 1
-            largest = float(np.maximum.reduce(values.numpy()[..., ::spacing, ::spacing], axis=None))
+            sample = values.numpy()[..., ::spacing, ::spacing]
+            largest = float(np.maximum.reduce(sample, axis=None))
+            least = float(np.minimum.reduce(sample[..., ::2, ::2], axis=None))
     except (RuntimeError, TypeError):  # tensors of torch.func's transforms have no storage, and bfloat16 no array
         return
-    if 1 + LEVEL_OVERSHOOT < largest < math.inf:
+    if 1 + LEVEL_OVERSHOOT < largest < math.inf or -math.inf < least < -LEVEL_UNDERSHOOT:
         warnings.warn(
             "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
-            "uint8, and pass images of a network as they were before their mean was subtracted",
+            "uint8; of those in -1…1, pass (images + 1) / 2; and pass images of a network as they were before their "
+            "mean was subtracted",
             UserWarning,
             stacklevel=stacklevel,
         )
