@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,17 @@ def test_what_no_check_tells_is_said() -> None:
 def test_dialects_that_there_are_not(dialects: dict[str, dict[str, Any]], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         which_hog(np.zeros(3780), dialects=dialects)
+
+
+def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
+    vector = opencv()
+    for scaled, words in ((255 * vector, "divided by 255 .* opencv"), (vector / vector.max(), "exactly 1")):
+        found = which_hog(scaled)
+        assert not found.decided_by
+        assert re.search(words, found.remark)
+    assert "equal" in which_hog(np.zeros(3780)).remark
+    assert "equal" in which_hog(np.full(3780, 0.5)).remark
+    assert which_hog(np.random.default_rng(0).random(3780)).remark == ""
 
 
 def test_a_summary_names_a_few() -> None:

@@ -14,6 +14,7 @@ from skimage import data, feature
 
 import nablahog
 from nablahog import presets
+from nablahog.requests.advice import advise
 from nablahog.requests.arrays import fit_array, identify, read_stored, suggest
 from nablahog.requests.inversion import GlyphRequest
 from nablahog.requests.options import words
@@ -81,6 +82,36 @@ def test_what_was_set_is_kept() -> None:
     assert asked_for(vector) == "--preset skimage --set cells_per_block=2x2 --image-size 64x64"
     [first, *_] = suggest(np.zeros(1764), GlyphRequest(preset="skimage", settings=settings))
     assert first.request.settings["pixels_per_cell"] == "4x4"
+
+
+def advice(array: NDArray[Any], **request: Any) -> str:
+    """The options that are advised in place of others."""
+    found = advise(array, GlyphRequest(**request))
+    return "" if found is None else " ".join(words(found.request, GlyphRequest))
+
+
+def test_what_to_ask_for_instead() -> None:
+    """Of a wrong size, exchanged sides, other cells and another preset, as far as the numbers decide."""
+    gray, colour = data.camera()[:128, 190:318], data.astronaut()[:128, 190:350]
+    square = nablahog.hog(colour[:, :128], "uoctti", layout="native").ravel()
+    wide = nablahog.hog(colour, "uoctti", layout="native").ravel()
+    cells = feature.hog(gray, pixels_per_cell=(16, 16))
+    assert advice(square, image_size=(128, 160)) == "--preset uoctti --image-size 128x128"
+    assert advice(square, preset="uoctti", image_size=(128, 160)) == "--preset uoctti --image-size 128x128"
+    assert advice(wide, image_size=(160, 128)) == "--preset uoctti --image-size 128x160"
+    assert advice(cells, image_size=(128, 128)) == "--preset skimage --set pixels_per_cell=16x16 --image-size 128x128"
+    assert advice(square, preset="opencv") == "--preset uoctti --image-size 128x128"
+    assert advice(np.random.default_rng(0).random(1001), image_size=(64, 64)) == ""
+
+
+def test_sides_that_seem_exchanged_are_remarked_on(tmp_path: Path) -> None:
+    """OpenCV writes 64x128 of a window that is upright."""
+    vector = nablahog.hog(data.astronaut()[40:168, 190:254], "opencv", layout="native")
+    np.save(tmp_path / "v.npy", vector)
+    for size, is_remarked in (((64, 128), True), ((128, 64), False)):
+        [found] = read_stored(str(tmp_path / "v.npy"), GlyphRequest(preset="opencv", image_size=size))
+        assert found.request.image_size == size
+        assert (found.advice is not None) == is_remarked
 
 
 def test_all_suggestions_work_as_they_stand() -> None:

@@ -47,6 +47,8 @@ def word_error(error: Exception) -> str:
     if error.facts.get("weights") and error.about == "preset":
         return f"{error}, and many entries are negative, as in the weights of a detector: expected --template"
     suggestions = error.facts.get("fitting", [])
+    if error.facts.get("decided"):
+        return f"{error}: write {_as_options(suggestions)}"
     if error.about in ("preset", "image size") and suggestions and not suggestions[0].is_detector:
         return f"{error}{_undecided(suggestions)}"
     return f"{error}{_REMEDIES.get(error.about, '')}{_that_fit(suggestions)}"

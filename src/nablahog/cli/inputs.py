@@ -259,8 +259,9 @@ class _Reader:
             if not isinstance(request, GlyphRequest) or file.ending in image_endings():
                 raise
             raise ValueError(
-                f"{error}; arrays are read from .npy, .npz and .mat files, with --template also what OpenCV's "
-                "HOGDescriptor saved (.yml, .xml, .json)"
+                f"{error}; arrays are read from .npy, .npz and .mat files (of a table of numbers, numpy.save('m.npy', "
+                "numpy.loadtxt('m.csv', delimiter=',')) writes one), with --template also what OpenCV's HOGDescriptor "
+                "saved (.yml, .xml, .json)"
             ) from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE
@@ -273,6 +274,10 @@ class _Reader:
         if found[0].decided_by:
             asked = " ".join(words(replace(found[0].request, row=None), GlyphRequest))
             inform(f"{file}: {asked}, because {found[0].decided_by}")
+        advice = found[0].advice
+        if advice is not None:
+            asked = " ".join(words(advice.request, GlyphRequest))
+            inform(f"{file}: {advice.remark}: write {asked}")
         sources = []
         for each in found:
             row = each.request.row

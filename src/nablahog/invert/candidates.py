@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec, presets
 from ..hog.layout import TOKEN_CELLS, from_layout, native_shape
-from ..inputs.numbers import as_square_or_size, check_choice, check_type
+from ..inputs.numbers import as_square_or_size, check_choice, shortened
 from ..io.descriptor_file import FittedLayout, find_layout, is_row
 
 Parameters = Mapping[str, Any]
@@ -85,7 +85,10 @@ def check_dialects(dialects: Mapping[str, Parameters]) -> None:
     """Raises TypeError or ValueError unless all are presets with their parameters, and values that they can have."""
     for name, known in dialects.items():
         check_choice("a preset in dialects", name, presets.__all__)
-        check_type(f"dialects[{name!r}]", known, Mapping, "{} if nothing is known")
+        if not isinstance(known, Mapping):
+            raise TypeError(
+                f"dialects[{name!r}] must be a dict, got {shortened(known)}: write {{}} if nothing is known"
+            )
         preset = getattr(presets, name)
         for parameter in known:
             check_choice(f"a parameter in dialects[{name!r}]", parameter, inspect.signature(preset).parameters)

@@ -20,8 +20,10 @@ from .candidates import WINDOWED, Candidate, Parameters, check_dialects, describ
 from .preimage import reconstruct
 from .windows import find_windows
 
+EQUAL = "its numbers are all equal, as no descriptor's of a photograph are"
 MOST_NAMED = 3  # candidates in a summary
 NOTHING_FITS = "no preset fits; `dialects` tries other parameters, such as {'skimage': {'pixels_per_cell': (16, 16)}}"
+CLIPPED = (0.2, 0.4)  # the largest entries of dialects that clip, which tell a factor
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
 MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the shape is
 ROUNDING = 32  # units in the last place that a sum of entries may be off
@@ -39,12 +41,14 @@ class WhichHOG:
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
         assumed: what no check tells of the first, as a sentence, if it was decided and there is something.
+        remark: why nothing was decided, as a sentence, of numbers that are scaled or all equal.
     """
 
     candidates: tuple[Candidate, ...]
     likely: int = 0
     decided_by: str = ""
     assumed: str = ""
+    remark: str = ""
 
     def __repr__(self) -> str:
         """The dialect, what decided and what is assumed; or the first few of what the checks leave."""
@@ -53,7 +57,8 @@ class WhichHOG:
             return f"<WhichHOG {self.candidates[0].summary}, because {self.decided_by}{assumed}>"
         likely = self.candidates[: min(self.likely or MOST_NAMED, MOST_NAMED)]
         more = f", … ({len(self.candidates)} in all)" if len(self.candidates) > len(likely) else ""
-        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or NOTHING_FITS}{more}>"
+        remark = f"; {self.remark}" if self.remark else ""
+        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or NOTHING_FITS}{more}{remark}>"
 
 
 def which_hog(
@@ -107,7 +112,8 @@ def which_hog(
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_rank_by_shape)
     # no descriptor has negative entries, and one that is 0 satisfies all
     if not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
-        return WhichHOG(tuple(fitting))
+        equal = array.size > 1 and bool((array == array.flat[0]).all())
+        return WhichHOG(tuple(fitting), remark=EQUAL if equal else "")
     windows = [each for each in fitting if each.count > 1] if is_row(array.shape) else []
     known = ({WINDOWED: {}} if dialects is None else dialects).get(WINDOWED)
     any_size = None if size is not None or "win_size" in (known or ()) else known
@@ -135,7 +141,7 @@ def which_hog(
         decided_by = f"{decided_by}, and {shared}" if identities or len(overlapping) > 1 else shared
     ranked = (*remaining, *excluded)
     if not is_known:
-        return WhichHOG(ranked, len(ranked))
+        return WhichHOG(ranked, len(ranked), remark=_remark_on_scale(checked, fitting))
     # windows without blocks in common look like one image of all their columns
     is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
     if not is_sure:
@@ -184,6 +190,18 @@ def _identities_that_hold(
         if share and not identity.is_bound:
             holding.append((identity.sentence, identity.share))
     return holding
+
+
+def _remark_on_scale(array: NDArray[np.floating], candidates: list[Candidate]) -> str:
+    """By what the numbers are to be divided for a dialect to hold exactly; empty if there is no such factor."""
+    largest = float(array.max())
+    if float(array.min()) == largest:
+        return EQUAL
+    for factor in (255.0, *(largest / clipped for clipped in CLIPPED)):
+        remaining, _, identities = _check_identities(np.asarray(array / factor, array.dtype), candidates)
+        if identities:
+            return f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
+    return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else ""
 
 
 def _check_layout(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:

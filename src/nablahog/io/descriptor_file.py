@@ -22,7 +22,7 @@ from ..hog.spec import Layout
 from ..inputs.arrays import as_descriptors
 from ..inputs.numbers import as_size, check_type
 from ..inputs.tensors import check_finite, check_floats, check_values, read_tensor
-from .arrays import check_format, naming, read_arrays, read_text, write_arrays
+from .arrays import check_format, is_raw, naming, read_arrays, read_text, write_arrays
 from .files import Writable
 from .input_file import Readable
 
@@ -139,6 +139,11 @@ def load_descriptor(path: Readable) -> StoredDescriptor:
     >>> stored.descriptor.shape, stored.spec == spec, stored.image_size
     (torch.Size([8, 6, 31]), True, (64, 48))
     """
+    if is_raw(path):
+        raise ValueError(
+            f"{path}: expected a descriptor file of nablahog.save_descriptor, got an array of another program: read it "
+            "with numpy.load, or scipy.io.loadmat, and nablahog.which_hog says what it is"
+        )
     arrays = read_arrays(path, "descriptor file", _ARRAYS)
     with naming(path):
         return _check_arrays(arrays)

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..hog import HOGSpec
 from ..hog.layout import native_shape
-from ..invert.candidates import Candidate, fit_shape
+from ..invert.candidates import fit_shape
 from ..invert.which import WhichHOG, which_hog
 from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
-from .dialect import as_text, opencv_window_size, other_defaults, preset_defaults, presets_with
+from .advice import Advice, advise, advise_on_swapped_size, complete, find_which, known_dialects
+from .dialect import as_text, opencv_window_size
 from .inversion import GlyphRequest
 
 Size: TypeAlias = tuple[int, int]
@@ -30,11 +31,16 @@ NEGATIVE = 0.1  # share of negative entries that no descriptor has
 
 @dataclass(frozen=True)
 class ArrayDescriptor:
-    """A descriptor in an array, the request that reads it, and what tells that it is one, if nobody said so."""
+    """A descriptor in an array, the request that reads it, and what tells that it is one, if nobody said so.
+
+    Attributes:
+        advice: what its numbers say against the request.
+    """
 
     stored: StoredDescriptor
     request: GlyphRequest
     decided_by: str = ""
+    advice: Advice | None = None
 
 
 def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
@@ -44,15 +50,17 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
         if not is_row(array.shape):  # else of windows, which become rows
             _check_row(array, request.row)
         with suggesting(array, request):
+            asked = request
             request, how, decided_by = identify(array, request)
+        advice = advise_on_swapped_size(array, asked) if is_row(how.shape) and np.isfinite(array).all() else None
         if is_row(array.shape) and math.prod(how.shape) < array.size:
             array = array.reshape(-1, math.prod(how.shape))
         _check_row(array, request.row)
         if math.prod(how.shape) == array.size:
-            return [ArrayDescriptor(to_descriptor(array, request.spec, how), request, decided_by)]
+            return [ArrayDescriptor(to_descriptor(array, request.spec, how), request, decided_by, advice)]
         rows = range(len(array)) if request.row is None else [request.row]
         return [
-            ArrayDescriptor(to_descriptor(array[row], request.spec, how), replace(request, row=row), decided_by)
+            ArrayDescriptor(to_descriptor(array[row], request.spec, how), replace(request, row=row), decided_by, advice)
             for row in rows
         ]
 
@@ -76,7 +84,7 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
                 return request, fit_array(one_of_several, request)[1], ""
     else:
         refusal = InputError("an array does not say which library it is from", "preset")
-    found = _which(array, request)
+    found = find_which(array, request)
     if request.preset is None and request.settings and not found.candidates:
         asked = ", ".join(f"{key}={value}" for key, value in request.settings.items())
         raise InputError(f"no preset with {asked} makes descriptors of the shape {array.shape}", "descriptor")
@@ -95,31 +103,6 @@ def _window(length: int, request: GlyphRequest) -> tuple[int, ...]:
         return ()
     window = math.prod(native_shape(request.spec, request.image_size or size))
     return (window,) if length % window == 0 else ()
-
-
-def _which(array: NDArray[np.floating], request: GlyphRequest) -> WhichHOG:
-    is_matrix = array.ndim == 2 and not is_row(array.shape)
-    vectors = array[request.row : request.row + 1] if is_matrix and request.row is not None else array
-    return which_hog(vectors, request.image_size, dialects=_dialects(request))
-
-
-def _dialects(request: GlyphRequest) -> dict[str, Mapping[str, Any]]:
-    """The presets that were asked for, or all that have the parameters that are set, with these."""
-    asked = {request.preset: request.parameters()} if request.preset else presets_with(request.settings)
-    return {name: {**other_defaults(name), **parameters} for name, parameters in asked.items()}
-
-
-def complete(request: GlyphRequest, candidate: Candidate, shape: tuple[int, ...]) -> GlyphRequest:
-    """The request with what a candidate adds to it, in as few words as say it."""
-    defaults = preset_defaults(candidate.preset)
-    settings = {key: as_text(value) for key, value in candidate.parameters.items() if value != defaults[key]}
-    settings = {**settings, **request.settings}
-    untold = is_row(candidate.how.shape) or candidate.how.layout == "tokens"  # by rows and columns
-    size = candidate.image_size if untold and "win_size" not in settings else request.image_size
-    in_one_row = candidate.count > 1 and is_row(shape)
-    if candidate.preset == "opencv" and not in_one_row and size == opencv_window_size("opencv", {}):
-        size = request.image_size
-    return replace(request, preset=candidate.preset, settings=settings, image_size=size)
 
 
 def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, FittedLayout]:
@@ -151,15 +134,33 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
 def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[None]:
     """Turns a ValueError of the block into an InputError with the requests that fit the array, as ``fitting``.
 
-    Its fact ``weights`` says whether the numbers may be the weights of a detector.
+    Its fact ``weights`` says whether the numbers may be the weights of a detector, and ``decided`` whether the checks
+    decide on what fits.
     """
     try:
         yield
     except ValueError as error:
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
         asked = request if about in ("image size", "preset") else replace(request, preset=None, settings={})
-        facts = {"shape": array.shape, "fitting": suggest(array, asked), "weights": bool(np.mean(array < 0) > NEGATIVE)}
-        raise InputError(str(error), about, facts) from None
+        advice = advise(array, request) if np.isfinite(array).all() else None
+        fitting = [Suggestion(advice.request)] if advice else suggest(array, asked)
+        facts = {
+            "shape": array.shape,
+            "fitting": fitting,
+            "weights": bool(np.mean(array < 0) > NEGATIVE),
+            "decided": advice is not None,
+        }
+        remark = advice.remark if advice else _remark_on_numbers(array, fitting)
+        raise InputError(f"{error}; {remark}" if remark else str(error), about, facts) from None
+
+
+def _remark_on_numbers(array: NDArray[np.floating], fitting: Sequence[Suggestion]) -> str:
+    """Why the checks do not tell what an array is, if they know."""
+    if not np.isfinite(array).all():
+        return ""
+    if not fitting:
+        return "no preset with its usual parameters makes such an array: `settings` says other parameters"
+    return which_hog(array).remark
 
 
 @dataclass(frozen=True)
@@ -172,13 +173,13 @@ class Suggestion:
 
 def suggest(array: NDArray[np.floating], request: GlyphRequest) -> list[Suggestion]:
     """The requests that fit an array, the likeliest first; if there are none, those that fit a detector's weights."""
-    found = _which(array, request) if np.isfinite(array).all() else WhichHOG(())
+    found = find_which(array, request) if np.isfinite(array).all() else WhichHOG(())
     if found.candidates:
         likely = found.candidates[: found.likely or MOST_SUGGESTED]
         return [Suggestion(each) for each in _distinct(complete(request, each, array.shape) for each in likely)]
     if not is_row(array.shape):
         return []
-    weights = fit_shape((array.size - 1,), request.image_size, _dialects(request))
+    weights = fit_shape((array.size - 1,), request.image_size, known_dialects(request))
     vectors = (each for each in weights if each.count == 1 and each.spec.layout.endswith("vector"))
     asked = _distinct(complete(request, each, (array.size - 1,)) for each in vectors)
     return [Suggestion(each, is_detector=True) for each in asked]
