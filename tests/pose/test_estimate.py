@@ -145,6 +145,13 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         assert math.isfinite(estimate.similarity)
 
 
+def test_the_smallest_photograph_and_box() -> None:
+    """What the search finds may be smaller than what it is given."""
+    image = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(0))
+    for box in (None, (0, 0, 8, 8)):
+        assert torch.isfinite(estimate_pose(image, model(), box=box).pose).all()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -154,6 +161,8 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
         ({"initial": (0, 91)}, "elevation of initial must be a finite number in -90 … 90"),
         ({"box": (200, 0, 300, 150)}, "the image of 150x180 pixels"),
+        ({"box": (0, 0, 7, 90)}, "the box must .* sides of at least 8 pixels"),
+        ({"photograph": torch.rand(1, 7, 40)}, "the photograph must have at least 8x8 pixels, got 7x40"),
         ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) .*: write photograph\[None\]$"),
         ({"photograph": torch.zeros(150, 180, 3)}, r"write photograph\.permute\(2, 0, 1\)$"),
         ({"photograph": torch.zeros(1, 3, 150, 180)}, r"write photograph\[0\]$"),

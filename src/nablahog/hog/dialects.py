@@ -21,7 +21,10 @@ def as_spec(spec: HOGSpec | str) -> HOGSpec:
     if isinstance(spec, HOGSpec):
         return spec
     if not isinstance(spec, str):
-        raise TypeError(f"spec must be a HOGSpec or the name of a preset, got {type(spec).__name__}")
+        raise TypeError(
+            f"spec must be a HOGSpec or the name of a preset, got {type(spec).__name__}: write 'uoctti', or "
+            "nablahog.presets.uoctti(cell_size=4) for other settings"
+        )
     if spec not in DEFAULT_SPECS:
         names = ", ".join(DEFAULT_SPECS)
         advice = did_you_mean(spec, DEFAULT_SPECS)

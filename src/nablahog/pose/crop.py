@@ -21,6 +21,7 @@ from .crop_view import CropView, resample
 
 CROP_SIDE = 128  # pixels of the square
 CROP_FILL = 112.0  # pixels of the box's longer side in it
+SMALLEST_SIDE = 8  # of a photograph, and of a box that is given, pixels
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
@@ -89,25 +90,27 @@ def downsample_camera(camera: Camera, factor: int) -> Camera:
     return Camera(camera.focal / factor, camera.height // factor, camera.width // factor)
 
 
-def check_box(sides: Sequence[float], height: int, width: int) -> Box:
+def check_box(sides: Sequence[float], height: int, width: int, least: int = SMALLEST_SIDE) -> Box:
     """The box x0, y0, x1, y1.
 
     Raises:
-        ValueError: it is not finite, has fewer than 8 pixels a side, or lies outside an image of this size.
+        ValueError: it is not finite, has fewer than ``least`` pixels a side, or lies outside an image of this size.
     """
     box = as_box("the box", sides)
-    if not (box.width >= 8 and box.height >= 8):
+    if not (box.width >= least and box.height >= least):
         sized = Box(box.x0, box.y0, box.x0 + box.x1, box.y0 + box.y1)  # if these are a width and a height
         write = (
             f"; of x, y, width, height write {tuple(sized)}"
-            if min(box.width, box.height) < 0 and min(box.x1, box.y1) >= 8
+            if min(box.width, box.height) < 0 and min(box.x1, box.y1) >= least
             else ""
         )
         if 0 <= min(box) < max(box) <= 1:  # in parts of the sides
             write = (
                 f"; of parts of the sides write {(box.x0 * width, box.y0 * height, box.x1 * width, box.y1 * height)}"
             )
-        raise ValueError(f"the box must be x0, y0, x1, y1 with sides of at least 8 pixels, got {tuple(box)}{write}")
+        raise ValueError(
+            f"the box must be x0, y0, x1, y1 with sides of at least {least} pixels, got {tuple(box)}{write}"
+        )
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
         raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")
     return box
@@ -138,7 +141,8 @@ def crop_object(
     """
     photograph = as_photograph("the photograph", photograph)
     height, width = photograph.shape[1:]
-    object_box = check_box((0, 0, width, height) if box is None else box, height, width)
+    # boxes that a search finds may be smaller than those that are given
+    object_box = check_box((0, 0, width, height) if box is None else box, height, width, least=1)
     zoom = fill / max(object_box.width, object_box.height)
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)

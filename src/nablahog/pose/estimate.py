@@ -29,7 +29,7 @@ from ..render.renderer import EdgeMethod
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
-from .crop import apply_mask, check_box, crop_object
+from .crop import SMALLEST_SIDE, apply_mask, check_box, crop_object
 from .detection import find_boxes
 from .lens import choose_lens
 from .model import DETAIL, equidistant_azimuths, prepared_model
@@ -202,6 +202,11 @@ def estimate_pose(
     check_callable("watch", watch, "model, pose")
     kind = similarity or ("patches" if method in RENDERERS else "calibrated")
     image, view = as_photograph("the photograph", photograph), None if initial is None else as_view("initial", initial)
+    if min(image.shape[1:]) < SMALLEST_SIDE:
+        raise ValueError(
+            f"the photograph must have at least {SMALLEST_SIDE}x{SMALLEST_SIDE} pixels, got "
+            f"{image.shape[1]}x{image.shape[2]} (height x width)"
+        )
     warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
     exif = exif_focal(photograph) if isinstance(focal, str) and is_pil(photograph) else None  # type: ignore[arg-type]
     lens = choose_lens((image.shape[1], image.shape[2]), focal, principal_point, intrinsics, distortion, exif)
