@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.testing import assert_close
 
-from nablahog import HOGLoss, HOGSpec, hog, presets
+from nablahog import HOG, HOGLoss, HOGSpec, hog, presets
 from nablahog.hog import FourBlockNorm, GlobalNorm
 from nablahog.hog.dialects import DEFAULT_SPECS
 from nablahog.hog.steps import pooling_axes
@@ -193,6 +193,16 @@ def test_refuses() -> None:
                 HOGLoss("uoctti")(*pair)
     with pytest.raises(ValueError, match="on one device, got meta and cpu: write target"):
         HOGLoss("uoctti")(TARGETS, TARGETS.to("meta"))
+
+
+@pytest.mark.parametrize("module", [HOG, HOGLoss])
+def test_what_is_no_spec_is_answered_with_what_to_write(module: Any) -> None:
+    with pytest.raises(TypeError, match=r"write 'uoctti', or nablahog\.presets\.uoctti\(cell_size=4\)"):
+        module()
+    with pytest.raises(
+        TypeError, match=rf"write nablahog\.{module.__name__}\(nablahog\.presets\.vlfeat\(cell_size=4\)\)"
+    ):
+        module("vlfeat", cell_size=4)
 
 
 def test_empty_batches() -> None:

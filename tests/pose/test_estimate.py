@@ -145,6 +145,14 @@ def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
         assert math.isfinite(estimate.similarity)
 
 
+@pytest.mark.parametrize(("unit", "origin"), [(1000.0, 0.0), (0.0254, 0.0), (1.0, 7.0)])
+def test_units_and_origin_of_a_model_make_no_difference(clean: Scene, unit: float, origin: float) -> None:
+    image, box = clean
+    moved = replace(model(), vertices=model().vertices * unit + origin).normalized()
+    one, other = (estimate_pose(image, each, box=box, focal=300.0, initial=(210, 15)) for each in (model(), moved))
+    torch.testing.assert_close(other.pose, one.pose, rtol=1e-4, atol=1e-3)
+
+
 def test_the_smallest_photograph_and_box() -> None:
     """What the search finds may be smaller than what it is given."""
     image = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, Literal, TypeAlias, overload
+from typing import Any, Literal, NoReturn, TypeAlias, overload
 
 import torch
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ..inputs.arrays import WHITE, ArrayImage, as_images, to_array, warn_about_l
 from ..inputs.numbers import check_choice
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
-from .dialects import as_spec
+from .dialects import as_spec, refuse_settings
 from .engine import REFERENCE, Engine, apply, is_traced, run_jvp
 from .kernels.loops import find_loops
 from .kernels.tables import ImageTables
@@ -150,8 +150,16 @@ class HOG(nn.Module):
     torch.Size([1, 4, 4, 9])
     """
 
-    def __init__(self, spec: HOGSpec | str, *, layout: ResultLayout = "cells", backend: Backend = "auto") -> None:
+    def __init__(
+        self,
+        spec: HOGSpec | str | None = None,
+        *,
+        layout: ResultLayout = "cells",
+        backend: Backend = "auto",
+        **settings: NoReturn,
+    ) -> None:
         super().__init__()
+        refuse_settings("nablahog.HOG", spec, settings)
         check_choice("layout", layout, ResultLayout)
         check_choice("backend", backend, Backend)
         self.spec = as_spec(spec)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ..inputs.numbers import shortened
 from ..runtime.text import did_you_mean
 from . import presets
@@ -11,7 +13,18 @@ DEFAULT_SPECS: dict[str, HOGSpec] = {name: getattr(presets, name)() for name in 
 """The dialects of all presets with their defaults."""
 
 
-def as_spec(spec: HOGSpec | str) -> HOGSpec:
+def refuse_settings(owner: str, spec: object, settings: Mapping[str, object]) -> None:
+    """Raises TypeError with what to write if settings of a spec are given to a module beside it."""
+    if settings:
+        names = ", ".join(settings)
+        preset = spec if isinstance(spec, str) and spec in DEFAULT_SPECS else "uoctti"
+        given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
+        raise TypeError(
+            f"{owner} takes no {names}: settings belong to the spec, write {owner}(nablahog.presets.{preset}({given}))"
+        )
+
+
+def as_spec(spec: HOGSpec | str | None) -> HOGSpec:
     """A spec, or the preset of that name with its defaults.
 
     Raises:

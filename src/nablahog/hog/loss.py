@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Literal, NoReturn, TypeAlias
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ..inputs.numbers import check_choice
 from ..inputs.tensors import advise_on_tensor, check_device
 from .descriptor import HALVES, hog
-from .dialects import as_spec
+from .dialects import as_spec, refuse_settings
 from .spec import HOGSpec
 from .steps import normalize_reference, pooling_axes
 
@@ -50,8 +50,11 @@ class HOGLoss(nn.Module):
     0.0
     """
 
-    def __init__(self, spec: HOGSpec | str, *, reduction: Reduction = "mean") -> None:
+    def __init__(
+        self, spec: HOGSpec | str | None = None, *, reduction: Reduction = "mean", **settings: NoReturn
+    ) -> None:
         super().__init__()
+        refuse_settings("nablahog.HOGLoss", spec, settings)
         check_choice("reduction", reduction, Reduction)
         self.spec = as_spec(spec)
         self.reduction: Reduction = reduction
