@@ -147,7 +147,7 @@ def test_colmap(line: str, intrinsics: Any, distortion: Any) -> None:
         ("camera.json", json.dumps({"K": MATRIX, "width": "640", "height": 480}), "width must be an integer"),
         ("camera.json", '{"fx": 5, "fy": 5, "cx": 4, "cy": 4, "fx": 6}', "there twice"),
         ("cameras.bin", "", "model_converter --output_type TXT"),
-        ("camera.yaml", "", "write its numbers as JSON, such as"),
+        ("camera.yaml", "", "or its numbers as JSON, such as"),
         ("camera.json", "{", "expected JSON, but it cannot be read: Expecting property name"),
         ("camera.json", "[1, 2]", r"expected COLMAP's cameras.txt or JSON with fx, fy, cx, cy or camera_matrix"),
         ("camera.json", '{"focal": 3}', "got .*focal"),

@@ -100,7 +100,7 @@ def _advise(file: InputFile) -> str:
     if file.ending == ".bin":
         return ": write cameras.txt by `colmap model_converter --output_type TXT`"
     if file.ending in (".yaml", ".yml", ".xml"):
-        return f": write its numbers as JSON, such as {_EXAMPLE}"
+        return f": write it by cv2.FileStorage('camera.json', 1), or its numbers as JSON, such as {_EXAMPLE}"
     return ""
 
 
