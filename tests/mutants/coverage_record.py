@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import re
@@ -103,6 +104,7 @@ class Record:
         exact: set[str] = set()
         anywhere: set[str] = set()
         digest = self.checkout.digest(file)
+        runs_at_import = not is_in_function(self.checkout.path(file).read_bytes(), line)
         for description, data in self.runs.values():
             for path in data.measured_files():
                 if path.endswith(f"/{self.checkout.package / file}"):
@@ -111,7 +113,13 @@ class Record:
                     anywhere |= everything
                     same = description["sources"].get(str(file)) == digest  # else lines have other numbers
                     exact |= set(of_lines.get(line, [])) - {""} if same else everything
-        return exact or anywhere  # the latter for what an import executes
+        return anywhere if runs_at_import else exact  # the first test that needs a module imports it
+
+
+def is_in_function(source: bytes, line: int) -> bool:
+    """Returns whether a line of Python is run by a call, not by the import of its file."""
+    functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
+    return any(node.body[0].lineno <= line <= (node.end_lineno or 0) for node in functions)
 
 
 def find_calls(checkout: Checkout, file: Path) -> Iterator[tuple[Path, int]]:
