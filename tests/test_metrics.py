@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import PIL.Image
@@ -45,6 +47,12 @@ def test_an_image_and_itself() -> None:
     p = counts / counts.sum()
     # 256 bins keep all 8-bit levels apart, so the information is the entropy of the levels
     assert mutual_information(CAMERA, CAMERA) == pytest.approx(-(p * np.log2(p)).sum())
+
+
+def test_a_correlation_is_never_above_1(random: np.random.Generator) -> None:
+    """Though the sum of products may be, by a rounding."""
+    values = [cross_correlation(image, image) for image in random.random((200, 5, 7))]
+    assert 1 - 1e-12 < min(values) <= max(values) == 1
 
 
 def test_an_image_and_its_negative() -> None:
@@ -203,14 +211,24 @@ def test_rotation_errors_broadcast() -> None:
 
 
 def test_angles_that_have_no_pairs() -> None:
-    with pytest.raises(ValueError, match="shapes"):
-        azimuth_error([1, 2, 3], [1, 2])
-    with pytest.raises(ValueError, match="shapes"):
-        same_view([1, 2, 3], [1, 2], 4)
-    with pytest.raises(ValueError, match="shapes"):
+    for compare in (azimuth_error, partial(same_view, views=4), partial(near_view, views=4)):
+        with pytest.raises(ValueError, match="as many true angles"):
+            compare([1, 2, 3], [1, 2])
+    with pytest.raises(ValueError, match="as many true angles"):
         rotation_error(np.zeros((2, 3)), np.zeros((5, 3)))
     with pytest.raises(TypeError, match="real numbers"):
         azimuth_error([[1, 2], [3]], 10)  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("measure", [view, partial(same_view, 0), partial(near_view, 0)])
+def test_the_number_of_views_is_limited(measure: Callable[..., np.ndarray]) -> None:
+    for views in (0, -4, 65_537):
+        with pytest.raises(ValueError, match="views must be"):
+            measure(0, views=views)
+    with pytest.raises((ValueError, TypeError), match="views must be"):
+        measure(0, views=4.5)
+    for views in (1, 65_536):
+        measure(0, views=views)
 
 
 def test_no_azimuth() -> None:

@@ -91,6 +91,15 @@ def test_a_cell_is_the_mean_over_its_blocks_and_colours() -> None:
     np.testing.assert_allclose(np.degrees(angles) % 180, (90 - 10 - np.arange(9) * 20) % 180)
 
 
+def test_the_brightest_cells_are_white_and_others_in_proportion() -> None:
+    descriptor = torch.ones(20, 20, 9)
+    descriptor[0, 0], descriptor[1, 1] = 50, 0.5
+    picture = glyphs(descriptor, presets.paper(), cell_pixels=5)
+    assert (picture[2::5, 2::5].max(), picture[7, 7]) == (1, 0.5)
+    with_gradient = descriptor.clone().requires_grad_()
+    assert np.array_equal(glyphs(with_gradient, presets.paper(), cell_pixels=5), picture)
+
+
 def test_values_below_0_are_drawn_as_0() -> None:
     spec = presets.skimage(cells_per_block=(1, 1), block_norm="L1-sqrt")
     assert not glyphs(-torch.ones(1, 1, 9), spec).any()
@@ -145,7 +154,7 @@ def test_four_block_descriptors_show_their_undirected_channels() -> None:
 def test_odd_descriptors() -> None:
     assert not glyphs(torch.zeros(2, 2, 9), presets.paper()).any()
     assert not glyphs(-torch.ones(2, 2, 9), presets.paper()).any()
-    with pytest.raises(ValueError, match=r"\(rows, cols, 9\), got \(2, 2, 31\)"):
+    with pytest.raises(ValueError, match=r"\(rows, cols, 9\), got \(2, 2, 31\)$"):
         glyphs(torch.zeros(2, 2, 31), presets.paper())
     with pytest.raises(TypeError, match=r"got a path: write nablahog\.load_descriptor"):
         glyphs("descriptor.npz", "paper")  # type: ignore[arg-type]
@@ -188,8 +197,16 @@ def test_contact_sheet() -> None:
     pixels = np.asarray(sheet).reshape(-1, 3)
     assert (pixels == [255, 0, 0]).all(1).sum() == 2 * 40 * 80
     assert (pixels == [255, 255, 255]).all(1).sum() > 1000
+    assert contact_sheet([[Panel(np.zeros((64, 64)), "")]]).width == 8 + 256 + 8
     with pytest.raises(ValueError, match="at least one panel"):
         contact_sheet([[]])
+
+
+def test_captions_that_fit_are_whole() -> None:
+    class Font:
+        getlength = staticmethod(len)
+
+    assert [pictures._shorten(text, Font(), 4) for text in ("abc", "abcd", "abcde")] == ["abc", "abcd", "abc…"]  # type: ignore[arg-type]
 
 
 def test_glyphs_in_strips_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,6 +63,29 @@ def test_the_curve_is_highest_where_similarity_is() -> None:
     assert "largest at an azimuth of 200°" in drawing.description
 
 
+@pytest.mark.parametrize(("largest", "step"), [(1.0, 0.2), (2.9, 1.0), (7.0, 2.0), (0.03, 0.01), (150.0, 50.0)])
+def test_labels_are_round_numbers(largest: float, step: float) -> None:
+    """At least three steps of 1, 2 or 5 times a power of ten; the part reaches 5 % beyond the values."""
+    plot = SimilarityPlot(np.array([0.0, largest]), np.zeros(2), "")
+    texts = [shape for shape in plot.drawing.shapes if shape.kind == "text" and shape.anchor == "end"]
+    above = [shape.text for shape in texts if shape.points[0][1] < plot.low.top]
+    assert [float(text) for text in above] == pytest.approx([k * step for k in range(len(above))])
+    assert (len(above) - 1) * step <= 1.05 * largest < len(above) * step
+
+
+def test_all_lies_in_the_drawing_and_no_text_on_another() -> None:
+    flat = np.ones(90)
+    drawing = draw_by_azimuth(
+        flat, flat, flat, **TEXTS, azimuth=180, traces=[([0.0, 90.0], [1.0, 1.0])], views=[np.ones((4, 4))] * 8
+    )
+    for shape in drawing.shapes:
+        for x, y in shape.points:
+            assert 0 <= x <= drawing.width, shape
+            assert 0 <= y <= drawing.height, shape
+    places = [(shape.points[0], shape.anchor) for shape in drawing.shapes if shape.kind == "text"]
+    assert len(set(places)) == len(places)
+
+
 def test_traces_go_round() -> None:
     flat = np.ones(90)
     traces = [([350.0, 355, 365, 370], [0.5] * 4), ([20.0, 5, -5, -20], [1.5] * 4), ([0.0, 0.0], [0.2, 0.3])]
@@ -114,6 +137,11 @@ def test_a_curve_that_is_not_yet_known_everywhere_and_a_steep_tangent_stay_withi
         assert (line[:, 1] >= axes.top - 1e-6).all()
         assert (line[:, 1] <= axes.top + axes.height + 1e-6).all()
         assert (line[:, 0] <= 320 - RIGHT).all()
+    dots = [shape for shape in plot.drawing.shapes if shape.kind == "dot"]
+    assert [shape.colour for shape in dots] == ["path", "path"]
+    assert np.array([shape.points[0] for shape in dots])[:, 0] == pytest.approx(tangent[:, 0].mean())
+    plot.tangent(180.0, 1.0, 0.0)  # 15° to each side
+    assert np.diff(lines(plot.drawing, "path")[1][:, 0]) == pytest.approx(30 / 360 * (320 - LEFT - RIGHT))
     across, down = tangent[1] - tangent[0]
     per_pixel = (plot.top.largest - plot.top.least) / 100, 360 / (320 - LEFT - RIGHT)
     assert -down * per_pixel[0] / (across * per_pixel[1]) == pytest.approx(0.5)
