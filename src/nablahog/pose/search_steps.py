@@ -56,20 +56,20 @@ class SearchSteps:
     def find_level_views(self) -> list[Hypothesis]:
         """The best views of all models at all elevations, the best first."""
         azimuths, penalties = equidistant_azimuths(VIEW_COUNT), self.problem.level_penalties
-        found: list[tuple[float, float, str, float, Tensor]] = []
+        rated: list[tuple[float, float, str, float, Tensor]] = []
         for name, model in self.problem.iterate_models():
             for elevation in self.problem.elevations:
                 values = self._view_similarities(model, elevation)
                 values[~self.problem.allowed] = -torch.inf
                 best = local_maxima(values, _VIEW_MAXIMA)
                 for value, azimuth in zip(values[best].tolist(), azimuths[best], strict=True):
-                    found.append((value - penalties[elevation], value, name, elevation, azimuth))
-        finite = sorted((view for view in found if math.isfinite(view[0])), key=lambda view: -view[0])
+                    rated.append((value - penalties[elevation], value, name, elevation, azimuth))
+        finite = sorted((view for view in rated if math.isfinite(view[0])), key=lambda view: -view[0])
         return [self._place_level_view(*view[1:]) for view in finite[: VOTERS if self.voting else _VIEW_MAXIMA]]
 
     def find_other_views(self) -> list[Hypothesis]:
         """The best views of all models that fill another box or are tilted, the best first."""
-        problem, found = self.problem, []
+        problem, rated = self.problem, []
         maxima, most = (_VIEW_MAXIMA, VOTERS) if self.voting else (_OTHER_VIEWS, _OTHER_VIEWS)
         places = [problem.photograph, *map(problem.crop_around, problem.other_boxes or ())]
         reach = ROUGH if problem.other_boxes is None else FOUND
@@ -78,8 +78,8 @@ class SearchSteps:
             for place, around in zip(places, surroundings, strict=True):
                 views = find_views(model, place, around, problem.elevations, problem.allowed, maxima)
                 for pose, value in zip(views[0], views[1].tolist(), strict=True):
-                    found.append((value - float(problem.penalty(pose[None], place)), value, name, place, pose))
-        best = sorted(found, key=lambda view: -view[0])[:most]
+                    rated.append((value - float(problem.penalty(pose[None], place)), value, name, place, pose))
+        best = sorted(rated, key=lambda view: -view[0])[:most]
         reframed = (self._reframe(*view[1:]) for view in best)
         return [view for view in reframed if view is not None]
 
