@@ -1,17 +1,19 @@
 """Is the confidence of a pose the share of poses that are right, and what is it where there is no object?
 
     python benchmarks/confidence.py scenes FILE [--models DIR …] [--several] [--objects 100] [--seed 21]
-        [--clutter DIR …]
+        [--clutter DIR …] [--within DEGREES [--off DEGREES]]
     python benchmarks/confidence.py absent FILE [--models DIR …] [--several] [--objects 100] [--seed 21]
-        [--photographs DIR …] [--textures bricks …]
+        [--photographs DIR …] [--textures bricks …] [--within DEGREES]
     python benchmarks/confidence.py fit FILE …
     python benchmarks/confidence.py judge FILE …
 
 ``scenes`` and ``absent`` search for poses, and append the evidence for each to a file of JSON lines, from which they
 also go on after an interruption.  Scenes have boxes of all kinds, the look of two renderers, and photographs or walls
 behind the object, which may be small; right is a rotation within 15°.  Images without the object are searched with a
-random box, without any, and with ``--several`` among 40 models.  ``fit`` prints the weights that are in
-``nablahog.pose.confidence``; ``judge`` the tables of other files: by those weights, so that no search is run again.
+random box, without any, and with ``--several`` among 40 models.  With ``--within`` azimuths are searched that far from
+one that is off by two thirds of it at most, and by ``--off`` besides; without an object from a random one.  ``fit``
+prints the weights that are in ``nablahog.pose.confidence``; ``judge`` the tables of other files: by those weights, so
+that no search is run again.
 """
 
 from __future__ import annotations
@@ -53,6 +55,7 @@ Case: TypeAlias = tuple[str, Callable[[], PoseEstimate], Example | None]  # its 
 CASES = ("", "exact", "sides-10", "cut-30", "no-box", "tilted", "steep", "renderer")  # conditions; "" for none
 SEVERAL = (12, 23, 39)  # candidates
 SMALL, SMALL_HEIGHT = 128, (35.0, 100.0)  # of a scene in six
+HINT_ERROR = 2 / 3  # of the range of azimuths: the most that the middle of it is off
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 ABSENT_SHARE = 1 / 3  # of all poses, to which images without the object are weighted in a fit
 PENALTY = 0.01  # of squared weights in units of their standard deviation
@@ -126,13 +129,25 @@ def collect(options: argparse.Namespace) -> None:
 
 
 def scene_cases(options: argparse.Namespace) -> Iterator[Case]:
-    for name, example, models in scenes(options):
-        known = {"box": example.box, "initial": example.initial, **prior_of(options)}
+    for index, (name, example, models) in enumerate(scenes(options)):
+        bound = bound_azimuth(options, index, example)
+        known = {"box": example.box, "initial": example.initial, **prior_of(options), **bound}
         yield name, partial(estimate_pose, example.image, models, **known), example
 
 
 def prior_of(options: argparse.Namespace) -> dict[str, Any]:
     return {"viewpoints": None} if options.no_viewpoints else {}
+
+
+def bound_azimuth(options: argparse.Namespace, index: int, example: Example | None = None) -> dict[str, Any]:
+    if options.within is None:
+        return {}
+    generator = np.random.default_rng([options.seed, index, 7])
+    if example is None:
+        return {"initial": (generator.uniform(0, 360), 15.0), "within": options.within}
+    reach = HINT_ERROR * options.within
+    azimuth = example.azimuth + options.off + generator.uniform(-reach, reach)
+    return {"initial": (azimuth % 360, example.elevation), "within": options.within}
 
 
 def absent_cases(options: argparse.Namespace) -> Iterator[Case]:
@@ -145,7 +160,8 @@ def absent_cases(options: argparse.Namespace) -> Iterator[Case]:
         box = random_box(image, generator)
         boxes = {"box": box, "no box": None}
         for kind in [("box", "no box")[index % 2]] if options.several else boxes:
-            search = partial(estimate_pose, image, candidates, box=boxes[kind], **prior_of(options))
+            known = {"box": boxes[kind], **prior_of(options), **bound_azimuth(options, index)}
+            search = partial(estimate_pose, image, candidates, **known)
             yield f"{index}-{kind} {name}", search, None
 
 
@@ -251,7 +267,9 @@ def main() -> None:
         command.add_argument("--objects", type=int, default=100)
         command.add_argument("--seed", type=int, default=21)
         command.add_argument("--threads", type=int, default=1)
+        command.add_argument("--within", type=float, help="search azimuths so many degrees from one that is given")
         if name == "scenes":
+            command.add_argument("--off", type=float, default=0.0, help="how far that one is off besides, degrees")
             command.add_argument("--clutter", type=Path, nargs="+", default=[], help="folders of photographs behind")
         else:
             command.add_argument("--photographs", type=Path, nargs="+", default=[], help="folders")
