@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nablahog.paper.tables import spread_evenly, statistics
+from nablahog.paper.tables import Failure, failures_section, spread_evenly, statistics
 
 
 def test_statistics() -> None:
@@ -14,3 +14,9 @@ def test_statistics() -> None:
 def test_images_of_a_page() -> None:
     assert spread_evenly(["a", "b", "c", "d", "e"], 2) == ["a", "c"]
     assert spread_evenly(["a", "b"], 3) == ["a", "b"]
+
+
+def test_failures_of_a_page() -> None:
+    section = failures_section([Failure("a.png", None, "no memory")], "image", "they count as 0")
+    assert (section.title, section.text) == ("Failed: 1", "they count as 0")
+    assert section.table == [{"image": "a.png", "method": "all", "reason": "no memory"}]

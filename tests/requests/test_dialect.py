@@ -86,6 +86,21 @@ def test_what_options_ask_for(dialect: Dialect, spec: HOGSpec) -> None:
     assert dialect.spec == spec
 
 
+def test_python_makes_the_same_spec() -> None:
+    dialect = Dialect("paper", {"cell_size": "8x6", "bins": "12"})
+    assert dialect.python == "nablahog.presets.paper(cell_size=(8, 6), bins=12)"
+    assert Dialect("aubry").python == "nablahog.presets.aubry(cell_size=8)"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [({"cell_size": "eight"}, "^cell_size: "), ({"bins": "9.5"}, "^bins: "), ({"cells": "8"}, "no parameter 'cells'")],
+)
+def test_wrong_settings_are_refused_when_they_are_made(settings: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Dialect("paper", settings)
+
+
 def _refusal(name: str, key: str, text: str) -> str | None:
     try:
         Dialect(name, {key: text})

@@ -66,6 +66,46 @@ def test_nothing_is_asked_for_by_no_options(command: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("command", "name", "default", "least", "most"),
+    [
+        ("hog", "size", 0, (0, -1), None),
+        ("glyph", "size", 256, (0, -1), None),
+        ("glyph", "row", None, (0, -1), None),
+        ("invert", "samples", None, (2, 1), (64, 65)),
+        ("invert", "seed", 0, (0, -1), None),
+        ("pose", "within", 180, (0.001, 0), (180, 180.001)),
+        ("pose", "least_confidence", 0.3, (0, -0.001), (1, 1.001)),
+        ("pose", "seed", 0, (0, -1), None),
+    ],
+)
+def test_ranges_and_defaults(command: str, name: str, default: Any, least: Any, most: Any) -> None:
+    """Of each range the last number that is taken, and the first that is not."""
+    [option] = [option for option in list_options(COMMANDS[command]) if option.name == name]
+    assert option.default == default
+    for taken, refused in (limit for limit in (least, most) if limit is not None):
+        assert option.kind.read(name, str(taken)) == taken
+        with pytest.raises(ValueError, match=f"^{name} must be "):
+            option.kind.read(name, str(refused))
+
+
+def test_what_is_off_without_being_asked_for() -> None:
+    flags = {(command, option.name) for command in COMMANDS for option in list_options(COMMANDS[command])
+             if option.kind is FLAG}  # fmt: skip
+    assert flags == {("invert", "template"), ("pose", "page")}
+    assert not InvertRequest().template
+    assert not PoseRequest().page
+
+
+def test_a_focal_length_is_in_pixels() -> None:
+    assert PoseRequest(focal=500).focal == 500
+    [focal] = [option for option in list_options(PoseRequest) if option.name == "focal"]
+    assert [focal.kind.read("focal", text) for text in ("400", "exif", "unknown")] == [400, "exif", "unknown"]
+    for text in ("50mm", "50MM"):
+        with pytest.raises(ValueError, match=r"must be in pixels, got '50.*43\.3mm"):
+            focal.kind.read("focal", text)
+
+
+@pytest.mark.parametrize(
     ("request_type", "function"), [(InvertRequest, nablahog.reconstruct), (PoseRequest, nablahog.estimate_pose)]
 )
 def test_keywords_are_those_of_the_function(request_type: type, function: Callable[..., Any]) -> None:
