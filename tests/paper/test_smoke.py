@@ -18,5 +18,5 @@ def test_images_of_a_page() -> None:
 
 def test_failures_of_a_page() -> None:
     section = failures_section([Failure("a.png", None, "no memory")], "image", "they count as 0")
-    assert (section.title, section.text) == ("Failed: 1", "they count as 0")
+    assert (section.heading, section.text) == ("Failed: 1", "they count as 0")
     assert section.table == [{"image": "a.png", "method": "all", "reason": "no memory"}]
