@@ -67,6 +67,18 @@ def test_windows_in_one_row_are_rows(tmp_path: Path, asked: dict[str, Any]) -> N
         read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked, row=3))
 
 
+def test_windows_of_noise_are_rows_where_their_size_is_said() -> None:
+    """No check decides on noise: three windows of 128x64, or of 80x64."""
+    noise = np.random.default_rng(0).random(3 * 3780)
+    for said in ({"image_size": (128, 64)}, {"settings": {"win_size": "64x128"}}):
+        assert identify(noise, GlyphRequest(preset="opencv", **said))[1].shape == (3780,)
+    assert identify(noise[: 3 * 2268], GlyphRequest(preset="opencv", image_size=(80, 64)))[1].shape == (2268,)
+    with pytest.raises(ValueError, match="got"):
+        identify(noise, GlyphRequest(preset="opencv"))
+    with pytest.raises(ValueError, match="got"):
+        identify(noise[1:], GlyphRequest(preset="opencv", image_size=(128, 64)))
+
+
 def asked_for(array: NDArray[Any], **request: Any) -> str:
     """The options by which an array is read."""
     return " ".join(words(identify(array, GlyphRequest(**request))[0], GlyphRequest))
