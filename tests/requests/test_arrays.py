@@ -96,6 +96,15 @@ def test_what_was_set_is_kept() -> None:
     assert first.request.settings["pixels_per_cell"] == "4x4"
 
 
+@pytest.mark.parametrize(
+    ("size", "expected"), [((128, 64), "--preset opencv"), ((96, 64), "--preset opencv --set win_size=64x96")]
+)
+def test_the_usual_window_need_not_be_said(size: tuple[int, int], expected: str) -> None:
+    image = data.astronaut()[40 : 40 + size[0], 190 : 190 + size[1]]
+    vector = nablahog.hog(image, presets.opencv(size[::-1]), layout="native")
+    assert asked_for(np.asarray(vector).ravel()) == expected
+
+
 def advice(array: NDArray[Any], **request: Any) -> str:
     """The options that are advised in place of others."""
     found = advise(array, GlyphRequest(**request))
