@@ -6,7 +6,6 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,18 +16,14 @@ from torch.nn.functional import pad
 from nablahog.hog import HOG, hog, presets
 
 SPEC = presets.paper()
-NESTED = torch.nested.nested_tensor([torch.zeros(1, 8, 8), torch.zeros(2, 8, 8)], layout=torch.jagged)
 REFUSED: dict[str, tuple[type[Exception], str, Any]] = {
     "no image": (TypeError, r"torch tensor \(B, C, H, W\), .*, got a list: write one call for each", [[0.0]]),
-    "a path": (TypeError, r"got a path: write PIL\.Image\.open\(path\)$", Path("photo.png")),
     "one image": (ValueError, r"got \(3, 8, 8\): write images\[None\]", torch.zeros(3, 8, 8)),
     "a gray plane": (ValueError, r"got \(8, 8\): write images\[None, None\]", torch.zeros(8, 8)),
     "no channel": (ValueError, "at least one channel", torch.zeros(1, 0, 8, 8)),
     "integers": (TypeError, r"got torch.int16; .* write images / 65535", torch.zeros(1, 1, 8, 8, dtype=torch.int16)),
     "channels last": (ValueError, r"write images\.permute\(0, 3, 1, 2\)$", torch.zeros(2, 9, 16, 3)),
     "channels last of one image": (ValueError, r"write images\.permute\(2, 0, 1\)\[None\]$", torch.zeros(9, 16, 3)),
-    "complex": (TypeError, "got torch.complex64$", torch.zeros(1, 1, 8, 8, dtype=torch.complex64)),
-    "nested": (TypeError, "got a nested one: write one call", NESTED),
     "no row": (ValueError, "at least one cell of 8x8 pixels .* 0x8$", torch.zeros(1, 1, 0, 8)),
     "too small": (ValueError, "at least one cell of 8x8 pixels .* 7x8$", torch.zeros(1, 1, 7, 8)),
 }
@@ -60,7 +55,7 @@ def test_other_options_are_refused() -> None:
             ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'; did you mean 'skimage'\?$"
         ):
             make()
-    with pytest.raises(TypeError, match=r"got function$"):
+    with pytest.raises(TypeError, match="got function: write "):
         hog(images, presets.paper)  # type: ignore[call-overload]
     with pytest.raises(ValueError, match=r"^layout must be one of 'cells', 'native', got 'planes'$"):
         hog(images, "paper", layout="planes")  # type: ignore[call-overload]

@@ -11,7 +11,6 @@ import torch
 from PIL import Image
 
 from nablahog import estimate_pose
-from nablahog.render import Mesh
 
 from .common import model, photographed
 
@@ -83,33 +82,3 @@ MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
 def test_what_is_no_camera_is_refused(camera: dict[str, Any], message: str) -> None:
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         azimuth(**camera)
-
-
-def test_boxes_and_seeds_are_numbers_of_any_library() -> None:
-    assert azimuth(box=np.array(BOX, np.float32), seed=np.int64(3)) == azimuth()
-    with pytest.raises(ValueError, match="seed must be an integer"):
-        azimuth(seed=0.5)
-
-
-def test_masks_of_numpy_with_any_strides() -> None:
-    mask = np.ones((HEIGHT, WIDTH), bool)
-    assert azimuth(mask=mask[::-1]) == azimuth(mask=torch.from_numpy(mask))
-    with pytest.raises(ValueError, match=r"write array\.filled"):
-        azimuth(mask=np.ma.MaskedArray(mask, mask))
-
-
-def test_what_requires_a_gradient_is_taken_without_it() -> None:
-    mesh = model()
-    learned = Mesh(mesh.vertices.clone().requires_grad_(), mesh.faces, mesh.brightness)
-    assert azimuth(IMAGE.clone().requires_grad_(), learned) == azimuth()
-
-
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
-def test_poses_do_not_follow_the_default_dtype(dtype: torch.dtype) -> None:
-    expected = estimate_pose(IMAGE, model())
-    torch.set_default_dtype(dtype)
-    try:
-        estimate = estimate_pose(IMAGE, model())
-    finally:
-        torch.set_default_dtype(torch.float32)
-    assert torch.equal(estimate.crop_pose, expected.crop_pose)

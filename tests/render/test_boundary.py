@@ -21,30 +21,6 @@ def triangle() -> Mesh:
     return Mesh(CORNERS, [[0, 1, 2]], [0.2, 0.2, 0.2])  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
-def test_images_do_not_follow_the_default_dtype(dtype: torch.dtype) -> None:
-    expected = render(triangle(), pose(20), CAMERA)
-    torch.set_default_dtype(dtype)
-    try:
-        image = render(triangle(), pose(20), CAMERA)
-    finally:
-        torch.set_default_dtype(torch.float32)
-    assert image.dtype == torch.float32
-    assert torch.equal(image, expected)
-
-
-def test_poses_and_meshes_are_on_the_cpu_whatever_the_default_device() -> None:
-    with torch.device("meta"):
-        image = render(triangle(), pose(20), CAMERA)
-    assert torch.equal(image, render(triangle(), pose(20), CAMERA))
-
-
-@pytest.mark.filterwarnings("ignore:.*should not be instantiated:DeprecationWarning")  # of Dynamo itself
-def test_render_in_a_compiled_function() -> None:
-    compiled = torch.compile(lambda at: render(triangle(), at, CAMERA), backend="eager")
-    assert torch.equal(compiled(pose(20)), render(triangle(), pose(20), CAMERA))
-
-
 def test_poses_cannot_be_mapped_over() -> None:
     with pytest.raises(ValueError, match="outside of"):
         torch.func.vmap(lambda at: render(triangle(), at[None], CAMERA))(pose(20))
