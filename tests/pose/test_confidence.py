@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from scipy.special import softmax
 from torch import Tensor
 
 from nablahog import Camera, estimate_pose, render, sample_chairs
@@ -60,6 +61,17 @@ def test_weights_are_those_of_the_kind_of_evidence() -> None:
     assert probabilities(AMONG) == probabilities(AMONG, UNKNOWN_MODEL)
 
 
+def test_the_fitted_weights() -> None:
+    """Odds by SciPy's softmax, of the weights that benchmarks/confidence.py has printed."""
+    alone = -5.48 + 5.73 * math.log(9) - 3.88 * 0.1 - 11.44 * 0.3
+    logits = [0, alone, alone + 25.98 * math.log(0.9), alone + 25.98 * math.log(0.6)]
+    assert probabilities(ALONE) == pytest.approx(softmax(logits)[1:])
+    among = -1.85 - 1.95 * 0.1 - 4.10 * 0.3 + 7.50 * 0.6
+    logits = [0, among, among + 1.02 * math.log(0.5), among + 1.02 * math.log(0.1)]
+    assert probabilities(AMONG) == pytest.approx(softmax(logits)[1:])
+    assert probabilities(replace(AMONG, in_range=0.5))[0] < probabilities(AMONG)[0] / 2
+
+
 def crate() -> Tensor:
     """A regular pattern, (1, 180, 180)."""
     y, x = torch.meshgrid(torch.arange(180), torch.arange(180), indexing="ij")
@@ -107,6 +119,9 @@ def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit() -> None:
     unsure = replace(estimate, confidence=None, runners_up=(replace(first, confidence=None),))
     assert (unsure.second, unsure.half_turn) == (None, None)
     assert first.half_turn is None
+    opposite = replace(first, azimuth=estimate.azimuth + 180)
+    rivals = tuple(replace(opposite, confidence=confidence) for confidence in (0.0, 0.25, 0.125))
+    assert replace(estimate, runners_up=rivals).half_turn == 0.375
 
 
 def test_the_probability_of_a_range_follows_bayes() -> None:

@@ -73,6 +73,15 @@ def test_the_box_fills_it(box: tuple[float, ...]) -> None:
     assert crop.middle == ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
 
 
+@pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (200.0, 20.0, 290.0, 110.0)])
+def test_the_box_fills_what_a_turned_camera_sees(box: tuple[float, ...]) -> None:
+    """Which sees a box beside the axis smaller; of the same sides in the crop as in its size."""
+    crop = crop_object(torch.zeros(1, 240, 300), box, focal=200.0, axis=(150.0, 120.0))
+    assert max(crop.size) == pytest.approx(CROP_FILL)
+    assert crop.zoom > CROP_FILL / max(box[2] - box[0], box[3] - box[1])
+    assert crop.camera.focal == pytest.approx(200 * crop.zoom)
+
+
 def test_what_is_shrunk_is_smoothed_first() -> None:
     """Rows of a pixel, white and black, are gray on a crop of a fifth of the size, and no moiré."""
     photograph = (torch.arange(800) % 2).float()[:, None].expand(1, 800, 800)

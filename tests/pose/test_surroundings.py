@@ -15,9 +15,10 @@ from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import CROP_FILL, crop_object
-from nablahog.pose.detection import find_boxes
+from nablahog.pose.detection import DETECTION_TILTS, find_boxes
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
+from nablahog.pose.problem import KNOWN_TILTS, UNKNOWN_TILTS
 from nablahog.pose.surroundings import (
     FOUND,
     ROUGH,
@@ -29,7 +30,7 @@ from nablahog.pose.surroundings import (
 from nablahog.render import Camera, pose, render, silhouette
 from nablahog.render.camera import to_camera, to_screen
 
-from .common import box_around, degrees_between, model, photographed
+from .common import SWIVEL, WOODEN, box_around, degrees_between, model, photographed
 
 
 @pytest.fixture(scope="module")
@@ -196,3 +197,14 @@ def test_the_pose_of_a_crop_is_that_of_the_given_box() -> None:
 def test_where_there_is_nothing_to_see_the_largest_box_is_the_likeliest() -> None:
     (box, *_) = find_boxes(torch.full((1, 300, 360), 0.5), [prepared_model(model())], None, 180.0, None)
     assert max(box.width, box.height) > 250
+
+
+def test_places_are_more_where_the_model_is_known() -> None:
+    """Six at most, of one model; two of several, whose views take longer; tilts are tried to both sides."""
+    image = gray(sample_photograph("coffee")[None])[0]
+    models = [prepared_model(model(seed)) for seed in (WOODEN, SWIVEL)]
+    counts = [len(find_boxes(image, some, (40.0, 20.0), 60.0, None)) for some in (models[:1], models)]
+    assert 2 < counts[0] <= 6
+    assert counts[1] == 2
+    for tilts in (DETECTION_TILTS, KNOWN_TILTS, UNKNOWN_TILTS):
+        assert [-tilt for tilt in reversed(tilts)] == [*tilts]

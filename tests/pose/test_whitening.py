@@ -251,6 +251,13 @@ def test_of_white_noise_it_is_a_division() -> None:
     assert_close(Whitener(white, 6, 10, 3.0)(descriptors), descriptors / 4)
 
 
+def test_the_mean_is_subtracted() -> None:
+    background = dataclasses.replace(correlated(0.5), mean=torch.tensor([0.25, -0.5], dtype=torch.float64))
+    whitener = Whitener(background, 3, 4)
+    descriptors = torch.tensor([0.25, -0.5])[None, :, None, None].expand(2, 2, 3, 4)
+    assert not whitener.subtract_mean(descriptors).any()
+
+
 @pytest.mark.parametrize(("rows", "cols"), [(5, 12), (1, 1)])
 def test_energies_are_products_with_the_whitened(rows: int, cols: int) -> None:
     whitener = Whitener(correlated(0.5), rows, cols)
