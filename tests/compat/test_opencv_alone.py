@@ -22,7 +22,7 @@ from skimage import data
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor, score
 from nablahog.compat.opencv.multi_scale import resize
-from nablahog.compat.opencv.windows import Padded, Scheme, make_scheme
+from nablahog.compat.opencv.windows import Padded, Scheme
 from tests.golden import archive
 
 STORED = archive("opencv_detection")
@@ -125,14 +125,6 @@ def test_copies_describe_alike() -> None:
     expected = used.compute(image(3))
     for copied in (copy.deepcopy(used), pickle.loads(pickle.dumps(used))):
         assert_array_equal(copied.compute(image(3)), expected)
-
-
-def test_the_default_dtype_does_not_matter(request: pytest.FixtureRequest) -> None:
-    expected = HOGDescriptor(*SMALL).compute(image(3))
-    make_scheme.cache_clear()
-    request.addfinalizer(lambda: torch.set_default_dtype(torch.float32))
-    torch.set_default_dtype(torch.float64)
-    assert_array_equal(HOGDescriptor(*SMALL).compute(image(3)), expected)
 
 
 def descriptor(*, bias: bool = True) -> HOGDescriptor:

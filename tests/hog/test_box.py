@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
 from nablahog.hog.box import cell_centres, pixel_box
-from nablahog.inputs.boxes import Box, as_box
+from nablahog.inputs.boxes import Box
 
 from .zoo import spec
 
@@ -116,16 +116,6 @@ def test_x_is_the_column() -> None:
     part = image[BOX.rows, BOX.cols]
     assert part.shape == (7, 4)
     assert part[0, 0] == image[2, 1]
-
-
-@pytest.mark.parametrize("sides", [(1, 2, 5, 9), [1, 2, 5, 9], np.array([1, 2, 5, 9])])
-def test_lists_and_arrays_are_accepted(sides: list[float]) -> None:
-    assert as_box("box", sides) == BOX
-
-
-def test_four_numbers() -> None:
-    with pytest.raises(ValueError, match="x0, y0, x1, y1"):
-        as_box("box", [1, 2, 3])
 
 
 def test_intersection() -> None:

@@ -9,9 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -179,18 +177,3 @@ def test_parts_hold_their_fields_alone(s: HOGSpec) -> None:
     """Not the classes of all parts as well, which a pickle would have to find again."""
     for part in (s.normalizer, s.pooling):
         assert [*vars(part)] == [field.name for field in dataclasses.fields(part)]
-
-
-def test_numbers_of_numpy_are_numbers() -> None:
-    size = np.arange(4, 9, 4)
-    assert presets.uoctti(cell_size=size[1]) == presets.uoctti(cell_size=8)
-    assert (
-        presets.paper(size)
-        == presets.paper(tuple(size))
-        == presets.paper(torch.tensor([4, 8]))
-        == presets.paper((4, 8))
-    )
-    of_numpy = presets.skimage(orientations=np.int64(9), pixels_per_cell=(np.int32(8), np.int16(8)))
-    assert of_numpy == presets.skimage()
-    assert HOGSpec.from_json(of_numpy.to_json()) == of_numpy
-    assert presets.paper(epsilon=np.float32(0.5)).to_json() == presets.paper(epsilon=0.5).to_json()

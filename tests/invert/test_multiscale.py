@@ -209,7 +209,6 @@ def test_closeness_keeps_levels_together() -> None:
         ([torch.zeros(1, 4, 4, 9)] * 3, {}, "4 in all, got 3"),
         (torch.zeros(1, 4, 4, 9), {"scales": (9, 1)}, "multiples of 3"),
         (torch.zeros(1, 4, 4, 9), {"image_size": (64, 64)}, r"must have shape \(8, 8, 9\)"),
-        (torch.full((1, 4, 4, 9), torch.nan), {}, "finite"),
     ],
 )
 def test_refused_input(inputs: Any, options: dict[str, Any], says: str) -> None:

@@ -163,7 +163,6 @@ def test_the_smallest_photograph_and_box() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"models": {}}, "at least one model, got none"),
         ({"method": "aubry"}, "method must be one of 'best', 'paper', 'paper-edges', 'exhaustive', got 'aubry'"),
         ({"within": 10}, "`within` 10 needs `initial`"),
         ({"similarity": "cosine"}, "similarity must be one of 'patches', 'calibrated', got 'cosine'"),
@@ -175,9 +174,6 @@ def test_the_smallest_photograph_and_box() -> None:
         ({"photograph": torch.zeros(150, 180, 3)}, r"write photograph\.permute\(2, 0, 1\)$"),
         ({"photograph": torch.zeros(1, 3, 150, 180)}, r"write photograph\[0\]$"),
         ({"photograph": np.zeros((150, 180), np.uint16)}, "write images / 65535"),
-        ({"photograph": "photo.jpg"}, r"got a path: write PIL\.Image\.open\(path\)$"),
-        ({"models": "chair.obj"}, r"got a path: write nablahog\.load_mesh\(path\)$"),
-        ({"models": {"chair": "chair.obj"}}, r"got a path: write nablahog\.load_mesh\(path\)$"),
     ],
 )
 def test_refuses(clean: Scene, changes: dict[str, Any], message: str) -> None:
