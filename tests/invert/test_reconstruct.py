@@ -17,7 +17,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from nablahog import HOGSpec, hog, presets, reconstruct
+from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Iterate, Objective, Search
 from nablahog.invert.arguments import find_quality
 from nablahog.invert.histograms import recover_histograms
@@ -214,6 +214,19 @@ def test_cpu_and_cuda_start_alike() -> None:
     descriptor, few = hog(photograph(64), UOCTTI).double(), Search(max_evaluations=15)
     cpu, cuda = (reconstruct(descriptor.to(d), UOCTTI, search=few, prior=None).image.cpu() for d in ("cpu", "cuda"))
     torch.testing.assert_close(cpu, cuda, atol=1e-3, rtol=0)
+
+
+def test_arrays_have_arrays_as_pre_images_and_one_descriptor_has_no_batch() -> None:
+    descriptors = hog(np.random.default_rng(0).random((2, 32, 24, 1), np.float32), UOCTTI)
+    few, start = Search(max_evaluations=10), np.random.default_rng(1).random((32, 24), np.float32)
+    one = reconstruct(descriptors[0], UOCTTI, start=start, search=few, prior=None)
+    batch = reconstruct(torch.from_numpy(descriptors[:1]), UOCTTI, start=start, search=few, prior=None)
+    assert (one.image.shape, batch.image.shape) == ((32, 24), (1, 1, 32, 24))
+    np.testing.assert_array_equal(one.image, batch.image[0, 0].numpy())
+    for name in ("distance", "history", "evaluations"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(batch, name)[..., 0].numpy())
+    levels = reconstruct_multiscale(descriptors[0], UOCTTI, scales=(4, 1), search=few, prior=None)
+    assert [level.reconstruction.image.shape for level in levels] == [(16, 12), (32, 24)]
 
 
 def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
