@@ -1,0 +1,1 @@
+"""Numbers, boxes, cameras and images as people pass them; all kinds of them by all functions: ../boundary."""

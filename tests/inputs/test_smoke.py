@@ -1,0 +1,87 @@
+"""What is taken, and the first number beyond each limit, which is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nablahog.inputs.arrays import as_mask
+from nablahog.inputs.boxes import as_box
+from nablahog.inputs.cameras import as_camera, as_view
+from nablahog.inputs.numbers import as_integer, as_number, as_seed, as_size, parse_numbers
+from nablahog.inputs.pil_images import pil_pixels
+
+
+def test_numbers() -> None:
+    assert as_integer("bins", np.int64(9)) == 9
+    assert as_size("image_size", [48, np.uint8(64)]) == (48, 64)
+    assert as_box("box", np.array([1.5, 2, 30, 40])) == (1.5, 2, 30, 40)
+    assert [parse_numbers(text) for text in ("7", "1,-2.5", "[3, 4]", "a,b")] == [7, (1, -2.5), (3, 4), "a,b"]
+
+
+def diagonals(count: float) -> Any:
+    """A focal length, in diagonals of a photograph of 300x400 pixels."""
+    return as_camera(300, 400, focal=500 * count)
+
+
+LIMITS: dict[str, tuple[Callable[[Any], Any], list[Any], list[Any]]] = {
+    "integer": (partial(as_integer, "bins", most=4096), [1, 4096], [0, 4097, True, 2.0]),
+    "integer without limit": (partial(as_integer, "rows", least=-1), [-1, 10**30], [-2, 0.5]),
+    "number": (partial(as_number, "share", least=0, most=1), [0, 1, 0.5], [-1e-9, 1 + 1e-9, float("nan"), False]),
+    "number above": (partial(as_number, "scale", above=1, below=2), [1.001, 1.999], [1, 2]),
+    "size": (partial(as_size, "image_size"), [(1, 1_000_000)], [(0, 1), (1, 1_000_001), (8, 8, 3), 8, (True, 8)]),
+    "seed": (as_seed, [-(2**63), 2**64 - 1], [-(2**63) - 1, 2**64]),
+    "view": (partial(as_view, "initial"), [(720, -90), (0, 90)], [(0, -90.001), (0, 90.001), (0,)]),
+    "focal length": (diagonals, [0.1, 100], [0.0999, 100.1, 0, -1]),
+    "two focal lengths": (partial(as_camera, 300, 400), [(400, 1000)], [(400, 1001)]),
+    "principal point": (
+        lambda point: as_camera(300, 400, focal=500, principal_point=point),
+        [(200, 150), (1.001, 0), (200 + 50_000, 150)],
+        [(0.5, 1), (1, 0), (200 + 50_001, 150)],
+    ),
+    "distortion": (
+        lambda numbers: as_camera(300, 400, focal=500, distortion=numbers),
+        [(0.1, 0, 0, 0), (0.1, 0, 0, 0, 0.2), (0.1, 0, 0, 0, 0.2, 0, 0, 0)],
+        [(0.1, 0, 0), (0.1, 0, 0, 0, 0, 0.2)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_limits(name: str) -> None:
+    read, taken, refused = LIMITS[name]
+    for value in taken:
+        read(value)
+    for value in refused:
+        with pytest.raises(ValueError, match=r"must (be|have)"):
+            read(value)
+
+
+def test_a_camera() -> None:
+    camera = as_camera(300, 400, focal=500)
+    assert camera is not None
+    assert camera.matrix == [[500, 0, 200], [0, 500, 150], [0, 0, 1]]
+    assert camera.is_ideal
+    for other in (as_camera(300, 400, (500, 501)), as_camera(300, 400, 500, distortion=(0, 0.1, 0, 0))):
+        assert other is not None
+        assert not other.is_ideal
+
+
+def test_pil_images_are_over_white() -> None:
+    """Gray 51 of 255, all of it, half of it, nothing of it."""
+    image = Image.fromarray(np.array([[[51, 255], [51, 51], [51, 0]]], np.uint8), "LA")
+    np.testing.assert_allclose(pil_pixels("image", image), [[0.2, 0.2 * 0.2 + 0.8, 1]], atol=1e-6)
+    deep = Image.fromarray(np.array([[0, 13107, 65535]], np.uint16))
+    np.testing.assert_allclose(pil_pixels("image", deep), [[0, 0.2, 1]], atol=1e-6)
+
+
+def test_a_mask() -> None:
+    mask = as_mask("mask", np.array([[0, 1], [0, 1]]) > 0, (2, 2))
+    assert mask.tolist() == [[False, True], [False, True]]
+    with pytest.raises(ValueError, match="true nowhere"):
+        as_mask("mask", np.zeros((2, 2), bool), (2, 2))
