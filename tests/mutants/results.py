@@ -101,11 +101,13 @@ def summarize(mutants: Iterable[Mutant], results: Results, equivalent: set[tuple
 def judge_tests(results: Iterable[Result], recorded: Iterable[str]) -> Iterator[str]:
     """Yields the functions of tests: those that alone notice a mutant, those that help, and those that no mutant needs.
 
-    A mutant counts that all tests were run with.  A few functions together notice all mutants; those that only repeat
+    A mutant counts that all tests were run with, and that lets their files be imported.  A few functions together notice all mutants; those that only repeat
     them are not needed, as far as these mutants go.
     """
     noticed = [
-        {function_name(test) for test in result.noticed} for result in results if result.complete and result.noticed
+        {function_name(test) for test in result.noticed}
+        for result in results
+        if result.complete and result.noticed and all("::" in test for test in result.noticed)
     ]
     alone = Counter(next(iter(names)) for names in noticed if len(names) == 1)
     times = Counter(name for names in noticed for name in names)

@@ -199,6 +199,7 @@ def test_judges_tests() -> None:
         Result("a.py:2: x", ["a.py"], ["t.py::one", "t.py::two"], complete=True),
         Result("a.py:3: x", ["a.py"], ["t.py::three", "t.py::two"], complete=True),
         Result("a.py:4: x", ["a.py"], [], complete=True),
+        Result("a.py:5: x", ["a.py"], ["t.py"], complete=True),
     ]
     recorded = ["t.py::one[1]", "t.py::two", "t.py::three", "t.py::four"]
     assert list(judge_tests(results, recorded)) == [
