@@ -16,7 +16,6 @@ from tests.mutants.mutant import Checkout
 from tests.mutants.runs import run_tests
 
 FILE_LIMIT = 1200.0  # seconds of the tests of a file
-STARTING_PROCESSES = ("cli", "app", "jobs", "runtime")  # rooms whose lines run in processes that coverage.py misses
 
 
 def list_test_files(root: Path, wanted: list[str]) -> list[str]:
@@ -81,15 +80,18 @@ class Record:
         self._load(name)
 
     def tests(self, file: Path, line: int, most_seconds: float) -> list[str]:
-        """Returns the tests that execute a line, or else any line of the file after its import; the quickest first.
+        """Returns the tests that execute a line, the quickest first, for so many seconds.
 
-        For a line of C++, those that execute a line of Python that calls a function of a library built from the file.
+        For a line that an import runs, those that execute any function of the file, and those of its room; for a line
+        of C++, those that execute a line of Python that calls a function of a library built from the file.
         """
-        lines = [(file, line)] if file.suffix == ".py" else list(find_calls(self.checkout, file))
-        contexts = {context for place in lines for context in self._contexts(*place)}
-        names = {context.split("|")[0] for context in contexts} & self.seconds.keys()
-        if not names and file.parts[0].removesuffix(".py") in STARTING_PROCESSES:
-            names = {test for test in self.seconds if f"tests/{file.parts[0]}/" in test}
+        if file.suffix != ".py":
+            names = {test for place in find_calls(self.checkout, file) for test in self._executing(*place)}
+        elif is_in_function(self.checkout.path(file).read_bytes(), line):
+            names = self._executing(file, line)
+        else:  # whatever test first needs a module imports it
+            names = self._executing(file) | self._room_tests(file)
+        names = names or self._room_tests(file)  # that start processes, which coverage.py does not see
         ordered = sorted(names, key=self.seconds.__getitem__)
         total = 0.0
         wanted: list[str] = []
@@ -100,20 +102,20 @@ class Record:
             wanted.append(test)
         return wanted
 
-    def _contexts(self, file: Path, line: int) -> set[str]:
-        exact: set[str] = set()
-        anywhere: set[str] = set()
-        digest = self.checkout.digest(file)
-        runs_at_import = not is_in_function(self.checkout.path(file).read_bytes(), line)
+    def _executing(self, file: Path, line: int | None = None) -> set[str]:
+        """The tests that execute a line of Python, or any line of a file."""
+        contexts: set[str] = set()
         for description, data in self.runs.values():
             for path in data.measured_files():
                 if path.endswith(f"/{self.checkout.package / file}"):
                     of_lines = data.contexts_by_lineno(path)
-                    everything = {context for contexts in of_lines.values() for context in contexts if context}
-                    anywhere |= everything
-                    same = description["sources"].get(str(file)) == digest  # else lines have other numbers
-                    exact |= set(of_lines.get(line, [])) - {""} if same else everything
-        return anywhere if runs_at_import else exact  # the first test that needs a module imports it
+                    same = description["sources"].get(str(file)) == self.checkout.digest(file)  # else numbers moved
+                    contexts.update(*([of_lines.get(line, [])] if same and line else of_lines.values()))
+        return {context.split("|")[0] for context in contexts} & self.seconds.keys()
+
+    def _room_tests(self, file: Path) -> set[str]:
+        room = file.parts[0].removesuffix(".py")
+        return {test for test in self.seconds if test.startswith((f"tests/{room}/", f"tests/test_{room}.py"))}
 
 
 def is_in_function(source: bytes, line: int) -> bool:
