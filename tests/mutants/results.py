@@ -101,8 +101,8 @@ def summarize(mutants: Iterable[Mutant], results: Results, equivalent: set[tuple
 def judge_tests(results: Iterable[Result], recorded: Iterable[str]) -> Iterator[str]:
     """Yields the functions of tests: those that alone notice a mutant, those that help, and those that no mutant needs.
 
-    A mutant counts that all tests were run with, and that lets their files be imported.  A few functions together notice
-    all mutants; those that only repeat them are not needed, as far as these mutants go.
+    A mutant counts that all tests were run with, and that lets their files be imported.  A few functions notice all
+    mutants together; those that only repeat them are not needed, as far as these mutants go.
     """
     noticed = [
         {function_name(test) for test in result.noticed}
