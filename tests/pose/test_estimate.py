@@ -225,11 +225,17 @@ def test_an_exception_ends_the_search(clean: Scene) -> None:
     class Enough(Exception):
         pass
 
+    seen: list[Tensor] = []
+
     def watch(model: str, pose: Tensor) -> None:
+        seen.append(pose.clone())
         raise Enough
 
     with pytest.raises(Enough):
         estimate_pose(clean[0], model(), box=clean[1], initial=(0, 20), watch=watch)
+    with pytest.raises(Enough):
+        estimate_pose(clean[0], model(), box=clean[1], method="paper", watch=watch)
+    assert seen[-1][:2].tolist() == [0, 0]  # the paper's search begins at the front, at the height of the object
 
 
 @pytest.mark.parametrize(("initial", "within"), [(205.0, 5.0), (45.0, 12.0)])

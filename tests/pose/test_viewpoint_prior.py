@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,10 @@ def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None
     likely = default_viewpoints().log_probabilities(crops).argmax(1)
     apart = ((likely * 7.5 - azimuths + 180) % 360 - 180).abs()
     assert float((apart <= 15).double().mean()) >= 0.6
+
+
+def test_what_it_has_learned_from_is_said_in_a_line() -> None:
+    assert re.fullmatch(r"\d+ scenes, \d+ epochs, last loss \d\.\d{4}", default_viewpoints().summary)
 
 
 def test_another_choice_is_refused() -> None:
