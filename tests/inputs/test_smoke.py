@@ -49,6 +49,11 @@ LIMITS: dict[str, tuple[Callable[[Any], Any], list[Any], list[Any]]] = {
         [(0.1, 0, 0, 0), (0.1, 0, 0, 0, 0.2), (0.1, 0, 0, 0, 0.2, 0, 0, 0)],
         [(0.1, 0, 0), (0.1, 0, 0, 0, 0, 0.2)],
     ),
+    "levels of floats": (
+        lambda level: pil_pixels("image", Image.fromarray(np.array([[0, level]], np.float32))),
+        [1, 1.09, -0.09, 16, 280],  # filters overshoot by a tenth
+        [1.11, -0.11, 15.9, 281, np.nan],
+    ),
 }
 
 
@@ -58,7 +63,7 @@ def test_limits(name: str) -> None:
     for value in taken:
         read(value)
     for value in refused:
-        with pytest.raises(ValueError, match=r"must (be|have)"):
+        with pytest.raises(ValueError, match=r"must (be|have)|expected levels in"):
             read(value)
 
 

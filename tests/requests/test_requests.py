@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 import nablahog
@@ -100,6 +101,7 @@ def test_a_focal_length_is_in_pixels() -> None:
     assert PoseRequest(focal=500).focal == 500
     [focal] = [option for option in list_options(PoseRequest) if option.name == "focal"]
     assert [focal.kind.read("focal", text) for text in ("400", "exif", "unknown")] == [400, "exif", "unknown"]
+    assert type(focal.kind.convert("focal", np.int64(400))) is float
     for text in ("50mm", "50MM"):
         with pytest.raises(ValueError, match=r"must be in pixels, got '50.*43\.3mm"):
             focal.kind.read("focal", text)
