@@ -1,4 +1,4 @@
-"""Where a public function takes a spec, it takes the name of a preset."""
+"""Where a public function takes a spec, it takes the name of a preset: those that are no columns of `boundary`."""
 
 from __future__ import annotations
 
@@ -24,11 +24,6 @@ FEW = nablahog.invert.Search(max_evaluations=5)
 Spec = HOGSpec | str
 
 
-def _saved(spec: Spec, folder: Path) -> object:
-    nablahog.save_descriptor(folder / "x.npz", DESCRIPTOR, spec, (64, 48))
-    return nablahog.load_descriptor(folder / "x.npz").spec
-
-
 def _prior(spec: Spec, folder: Path) -> object:
     prior = nablahog.train_prior({"noise": torch.rand(96, 96, generator=torch.Generator().manual_seed(0))}, spec)
     tensor = torch.from_numpy(DESCRIPTOR)[None]
@@ -37,21 +32,8 @@ def _prior(spec: Spec, folder: Path) -> object:
 
 
 CALLS: dict[str, Callable[[Any, Path], object]] = {
-    "hog": lambda spec, _: nablahog.hog(IMAGE.numpy(), spec),
-    "HOG": lambda spec, _: nablahog.HOG(spec).spec,
-    "stream": lambda spec, _: [strip.descriptor for strip in nablahog.stream(IMAGE.numpy(), spec)],
-    "to_layout": lambda spec, _: nablahog.to_layout(DESCRIPTOR, spec),
-    "from_layout": lambda spec, _: nablahog.from_layout(DESCRIPTOR, spec, (64, 48)),
-    "glyphs": lambda spec, _: nablahog.glyphs(DESCRIPTOR, spec),
-    "save_descriptor": _saved,
-    "reconstruct": lambda spec, _: nablahog.reconstruct(DESCRIPTOR, spec, search=FEW).image,
-    "reconstruct_multiscale": lambda spec, _: [
-        level.reconstruction.image
-        for level in nablahog.reconstruct_multiscale(DESCRIPTOR, spec, scales=(4, 1), search=FEW)
-    ],
     "scale_descriptors": lambda spec, _: scale_descriptors(IMAGE[None, None], spec, (4, 1)),
-    "template_descriptor": lambda spec, _: nablahog.template_descriptor(DESCRIPTOR, spec),
-    "train_prior, LearnedPrior": _prior,
+    "LearnedPrior": _prior,
     "default_background": lambda spec, _: default_background(spec, 1).mean,
 }
 
