@@ -26,6 +26,7 @@ from nablahog.invert.prior.training_windows import HELD_OUT, SignedTraining, Uns
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
+from ..interruption import Interruption
 from ..io import tiny_models
 from .photographs import photograph
 
@@ -34,19 +35,6 @@ KINDS = {"signed": presets.uoctti(8), "unsigned": PAPER}
 every_kind = pytest.mark.parametrize("kind", KINDS)
 TINY = Architecture((8, 8, 8), (1, 0, 0))
 EPOCHS = 3
-
-
-class Interruption:
-    """To be called with the progress: it interrupts when ``at`` steps are done, or never."""
-
-    def __init__(self, at: int | None = None) -> None:
-        self.at = at
-        self.steps: list[int] = []
-
-    def __call__(self, done: int, total: int, what: str) -> None:
-        if done == self.at:
-            raise KeyboardInterrupt
-        self.steps.append(done)
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ SPEC: HOGSpec = presets.uoctti()
 LEARNED = {
     "prior": PRIOR_LEARNER,
     "unsigned-prior": PRIOR_LEARNER,
-    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size),
+    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
     "bovw": Learner(
         BoVW, lambda images, spec, **options: learn_bovw(images, **options), least=lambda spec: (1, 1), tile=128
     ),

@@ -21,6 +21,7 @@ from nablahog.metrics import cross_correlation
 from nablahog.paper.baselines.hoggles import PairedDictionary, hog_windows, positive_lasso, unit
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
 
+from ...interruption import Interruption
 from ...invert.photographs import photograph
 from ...io import tiny_models
 from ...io.archives import check_refused
@@ -198,6 +199,28 @@ def test_the_seed_decides() -> None:
     assert torch.equal(first.hog, second.hog)
     assert first.learning == second.learning
     assert not torch.equal(learn_hoggles(_images(), SPEC, atoms=40, iterations=4, seed=1).hog, first.hog)
+
+
+def test_an_interrupted_learning_is_resumed_with_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Batches are small, so that many atoms are not used and are drawn at random again."""
+    monkeypatch.setattr("nablahog.paper.baselines.hoggles_learning.STEP_WINDOWS", 20)
+    monkeypatch.setattr("nablahog.paper.baselines.hoggles_learning.SAVED", 2)
+    monkeypatch.setattr("nablahog.paper.baselines.hoggles_learning.REPORTED", 3)
+    path, options = tmp_path / "kept", {"spec": SPEC, "atoms": 100, "sparsity": 0.5, "iterations": 6}
+    undisturbed = learn_hoggles(_images(), **options)
+    with pytest.raises(KeyboardInterrupt):
+        learn_hoggles(_images(), **options, checkpoint=path, progress=Interruption(5))
+    for changed, name in (({"images": _images("brick", "coins", "clock")}, "images"), ({"seed": 1}, "seed")):
+        with pytest.raises(ValueError, match=f"checkpoint of another training .*{name}"):
+            learn_hoggles(**{"images": _images(), **options, **changed}, checkpoint=path)
+    resumed = Interruption()
+    result = learn_hoggles(_images(), **options, checkpoint=path, progress=resumed)
+    assert resumed.steps == [0, 4, 5, 6]
+    assert torch.equal(result.gray, undisturbed.gray)
+    assert torch.equal(result.hog, undisturbed.hog)
+    assert result.learning == undisturbed.learning
 
 
 def test_what_cannot_be_learned_from() -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import torch
@@ -21,8 +19,7 @@ from ...hog.spec import HOGSpec
 from ...inputs.arrays import ArrayImage
 from ...inputs.numbers import as_integer, check_callable, check_choice
 from ...inputs.training_images import gray_photographs
-from ...io.files import replacing
-from ...io.input_file import input_file
+from ...io.checkpoint import Checkpoint
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
 from ...io.learner import Learner
 from ...runtime.pytorch import in_float32, in_plain_mode, seeded
@@ -140,9 +137,8 @@ def train_prior(
     weights, losses = _fit(
         partial(network, architecture),
         training,
-        identity,
         None if start is None else start.weights,
-        None if checkpoint is None else Path(checkpoint),
+        Checkpoint(checkpoint, identity),
         device,
         progress,
     )
@@ -168,17 +164,16 @@ PRIOR_LEARNER = Learner(
 def _fit(
     make: Callable[[], nn.Module],
     training: WindowTraining,
-    identity: Mapping[str, Any],
     start: Tensor | None,
-    checkpoint: Path | None,
+    checkpoint: Checkpoint,
     device: torch.device,
     progress: Callable[[int, int, str], None],
 ) -> tuple[Tensor, list[float]]:
     """The weights (n,), float32, on the CPU, after training by AdamW, and the mean loss of each epoch.
 
-    ``make`` may draw weights from the global generator, which is not changed; ``identity`` names all that the result
-    depends on.
+    ``make`` may draw weights from the global generator, which is not changed.
     """
+    identity = checkpoint.identity
     steps, epochs, seed = training.steps, identity["epochs"], identity["seed"]
     half = identity["precision"] == "bfloat16"
     with seeded(seed), in_float32():
@@ -192,7 +187,14 @@ def _fit(
     optimizer = torch.optim.AdamW(network.parameters(), largest, weight_decay=training.weight_decay)
     schedule = learning_rates(optimizer, largest, epochs * steps)
     parts: dict[str, Any] = {"network": network, "optimizer": optimizer, "schedule": schedule}
-    losses = _resume(checkpoint, identity, parts)
+    losses: list[float] = []
+
+    def restore(state: Mapping[str, Any]) -> None:
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        losses.extend(state["losses"])
+
+    checkpoint.resume(restore)
     for epoch in range(len(losses), epochs):
         step_losses: list[Tensor] = []
         with seeded(seed + epoch):  # of dropout
@@ -210,10 +212,7 @@ def _fit(
         if not math.isfinite(total):
             raise ValueError(f"the training has diverged in epoch {epoch + 1}: the loss is {total}")
         losses.append(total / steps)
-        if checkpoint is not None:
-            states = {name: part.state_dict() for name, part in parts.items()}
-            with replacing(checkpoint) as file:
-                torch.save({"identity": dict(identity), "losses": losses, **states}, file)
+        checkpoint.save({"losses": losses, **{name: part.state_dict() for name, part in parts.items()}})
     fold_statistics(network.eval())
     progress(epochs * steps, epochs * steps, _report(epochs - 1, epochs, losses))
     return flatten_all(network.parameters()), losses
@@ -229,26 +228,6 @@ def learning_rates(optimizer: torch.optim.Optimizer, largest: float, steps: int)
         div_factor=1 / FIRST_RATE,
         final_div_factor=FIRST_RATE / LAST_RATE,
         cycle_momentum=False,
-    )
-
-
-def _resume(path: Path | None, identity: Mapping[str, object], parts: Mapping[str, Any]) -> list[float]:
-    """Loads a checkpoint, if there is one, into the parts, and returns the losses of its epochs."""
-    if path is None or not path.exists():
-        return []
-    input_file(path).check("a checkpoint of a training")
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        differing = [name for name, value in identity.items() if state["identity"][name] != value]
-        if not differing:
-            for name, part in parts.items():
-                part.load_state_dict(state[name])
-            return list(state["losses"])
-    except (EOFError, LookupError, RuntimeError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} is no checkpoint of a training, or is damaged: remove it to start afresh") from error
-    raise ValueError(
-        f"{path} is the checkpoint of another training (with other {', '.join(differing)}); finish that one, or remove "
-        "the file"
     )
 
 

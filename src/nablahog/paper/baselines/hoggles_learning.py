@@ -12,6 +12,7 @@ image, and every hundred batches starts with the same windows again, so that it 
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -25,6 +26,7 @@ from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
 from ...inputs.training_images import gray_photographs
 from ...invert.prior.provenance import digest_of_images
+from ...io.checkpoint import Checkpoint
 from ...runtime.extras import extra
 from .hoggles import (
     MARGIN_CELLS,
@@ -46,6 +48,7 @@ STEP_WINDOWS = 400  # windows
 TRAINING_WINDOWS = 1_000_000
 SWEEPS = 10  # of coordinate descent for the codes of a batch; with 1,000 the objective is as low
 REPORTED = 100  # iterations between two reports of the objective
+SAVED = 20  # iterations between two checkpoints: half a minute
 
 
 def learn_hoggles(
@@ -57,6 +60,7 @@ def learn_hoggles(
     iterations: int = LEARNING_STEPS,
     fast: bool = False,
     seed: int = 0,
+    checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
 ) -> PairedDictionary:
     """Learns a pair of dictionaries from photographs.  The published numbers are the defaults.
@@ -75,11 +79,14 @@ def learn_hoggles(
         iterations: batches of 400 windows; all windows come once before one comes again.
         fast: whether the atoms are random windows, and no dictionary is learned.
         seed: the seed of all random numbers.
+        checkpoint: a file that is written every 20 iterations.  If it exists and is of the same learning, this is
+            resumed, with the same result.  The file is not removed.
         progress: called with the iterations done, their number and the last objective.
 
     Raises:
         ValueError: images, numbers or the spec (:func:`.check_cells`) are not as above; fewer windows than atoms have
-            contrast; scikit-learn is not installed.
+            contrast; scikit-learn is not installed; the checkpoint is damaged or of another learning.
+        OSError: the checkpoint cannot be read or written.
     """
     for name, number in (("atoms", atoms), ("iterations", iterations)):
         if number < 1:
@@ -91,24 +98,24 @@ def learn_hoggles(
     progress(0, iterations, "describing the images")
     pairs = _Pairs([*photographs.values()], spec, rng)
     dictionary = pairs.draw_contrasted(atoms, rng)
+    digest = digest_of_images(photographs)
     objective: list[float] = []
     if not fast:
-        dictionary = dictionary / math.sqrt(2)
-        learner = _learner(dictionary, sparsity, rng)
-        for done in range(iterations):
-            progress(done, iterations, f"objective {objective[-1]:.4f}" if objective else "")
-            batch = pairs.batch(done)
-            if done % REPORTED == 0:
-                objective.append(_objective(dictionary, batch, sparsity))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # a few codes of a batch need not converge
-                learner.partial_fit(batch.numpy())
-            dictionary = torch.from_numpy(learner.components_)
+        identity = {
+            "images": digest,
+            "spec": spec.to_json(),
+            "atoms": atoms,
+            "sparsity": sparsity,
+            "iterations": iterations,
+            "seed": seed,
+        }
+        learner = _learner(dictionary / math.sqrt(2), sparsity, rng)
+        dictionary, objective = _improve(learner, pairs, Checkpoint(checkpoint, identity), progress)
     progress(iterations, iterations, f"objective {objective[-1]:.4f}" if objective else "")
     pixels = math.prod(patch_size(spec))
     learning = HogglesLearning(
         images=tuple(photographs),
-        sha256=digest_of_images(photographs),
+        sha256=digest,
         seed=seed,
         windows=len(pairs),
         iterations=0 if fast else iterations,
@@ -138,6 +145,56 @@ def _learner(atoms: Tensor, sparsity: float, rng: np.random.Generator) -> Any:
         positive_code=True,
         random_state=int(rng.integers(2**31)),
     )
+
+
+def _improve(
+    learner: Any, pairs: _Pairs, checkpoint: Checkpoint, progress: Callable[[int, int, str], None]
+) -> tuple[Tensor, list[float]]:
+    """The dictionary (K, n) after all iterations, and the objective before every hundredth."""
+    iterations = checkpoint.identity["iterations"]
+    dictionary, objective = torch.from_numpy(learner.dict_init), list[float]()
+
+    def restore(state: Mapping[str, Any]) -> None:
+        _restore(learner, state["learner"])
+        objective.extend(state["objective"])
+
+    checkpoint.resume(restore)
+    for done in range(getattr(learner, "n_steps_", 0), iterations):
+        progress(done, iterations, f"objective {objective[-1]:.4f}" if objective else "")
+        batch = pairs.batch(done)
+        if done % REPORTED == 0:
+            objective.append(_objective(dictionary, batch, learner.alpha))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a few codes of a batch need not converge
+            learner.partial_fit(batch.numpy())
+        dictionary = torch.from_numpy(learner.components_)
+        if (done + 1) % SAVED == 0:
+            checkpoint.save({"learner": _state(learner), "objective": objective})
+    return dictionary, objective
+
+
+def _state(learner: Any) -> dict[str, Any]:
+    """All that a learner has learned, as tensors, texts, numbers and the state of its random numbers."""
+    state = {name: value for name, value in vars(learner).items() if name not in learner.get_params()}
+    for name, value in state.items():
+        if isinstance(value, np.ndarray):
+            state[name] = torch.from_numpy(value)
+        elif isinstance(value, np.random.RandomState):
+            kind, key, *rest = value.get_state()
+            state[name] = (kind, np.asarray(key).tolist(), *rest)
+    return state
+
+
+def _restore(learner: Any, state: Mapping[str, Any]) -> None:
+    """Undoes :func:`_state`."""
+    for name, value in state.items():
+        if isinstance(value, Tensor):
+            value = value.numpy()
+        elif isinstance(value, tuple):
+            generator: Any = np.random.RandomState()
+            generator.set_state(value)
+            value = generator
+        setattr(learner, name, value)
 
 
 def _objective(atoms: Tensor, windows: Tensor, sparsity: float) -> float:
