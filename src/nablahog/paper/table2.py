@@ -92,7 +92,7 @@ class Table2Row:
         accuracy, paper: percent of the objects, ours by criterion and number of views, published by number of views.
         error, rotation: of the azimuth and of the whole rotation in degrees, with the interval of the median.
         within: percent of the objects whose rotation is off by no more than each of :data:`WITHIN`.
-        seconds: median time for an object; None if the method did not run, or has no pose.
+        seconds: median time for an object; None if the method has no pose.
     """
 
     method: str
@@ -135,17 +135,12 @@ class Table2(Results):
             yield from examples.objects
 
     def table_rows(self) -> list[Table2Row]:
-        """The table: what is published of methods that did not run, then the methods that ran."""
-        ran = [method.name for method in self.methods]
-        return [self._table_row(name) for name in [*(name for name in POSE_PUBLISHED if name not in ran), *ran]]
-
-    def ran(self) -> list[Table2Row]:
-        """The rows of the methods that ran."""
+        """The table of the methods that ran."""
         return [self._table_row(method.name) for method in self.methods]
 
     def _table_row(self, name: str) -> Table2Row:
-        figures, clocks = self.figures.get(name, {}), self.seconds.get(name, {})
-        objects = self.examples.objects if name in self.figures else []
+        figures, clocks = self.figures[name], self.seconds[name]
+        objects = self.examples.objects
         poses = [(figures.get(example.name), example) for example in objects]
         accuracy = {
             (criterion, views): statistics([100.0 * _right(criterion, views, *pair) for pair in poses])
@@ -224,7 +219,7 @@ def write_table2(folder: Path, table: Table2) -> None:
         *(("", line.method, line.error.n, *figure) for line in table.table_rows() for figure in line.figures()),
     ]
     for name in table.conditions:
-        for line in table.under(name).ran():
+        for line in table.under(name).table_rows():
             summary += [(name, line.method, line.error.n, *figure) for figure in line.figures()]
     write_csv(folder / "summary.csv", summary)
     write_csv(folder / "per_object.csv", _per_object(table))

@@ -75,7 +75,7 @@ def terminal_conditions(table: Table2) -> list[dict[str, object]]:
     return [
         {**_under(name, line, _percent), "error": line.error.median}
         for name in table.conditions
-        for line in table.under(name).ran()
+        for line in table.under(name).table_rows()
     ]
 
 
@@ -129,7 +129,6 @@ def _rotations(lines: Sequence[Table2Row]) -> html.Section:
             "median error": cell(line.rotation, line.rotation.median),
         }
         for line in lines
-        if line.rotation.n
     ]
     text = "How far the whole viewpoints are off: azimuth, elevation and in-plane rotation together."
     return html.Section("Rotation", text, table=rows)
@@ -139,7 +138,7 @@ def _conditions(table: Table2) -> list[html.Section]:
     """The second table, and what an object is like in each of its conditions."""
     rows: list[Mapping[str, object]] = []
     for name in table.conditions:
-        for line in table.under(name).ran():
+        for line in table.under(name).table_rows():
             row = _under(name, line, _cell)
             row[f"rotation ≤ {WITHIN[0]:g}°, %"] = _cell(line.within[WITHIN[0]])
             rows.append({**row, "median error": cell(line.error, line.error.median), "seconds": line.seconds})
