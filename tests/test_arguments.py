@@ -55,6 +55,9 @@ def test_images_of_a_search_are_in_0_to_1() -> None:
     for name in ("start", "expected"):
         with pytest.raises(ValueError, match="divide by the value of white"):
             reconstruct(DESCRIPTOR, "uoctti", SIZE, quality="fast", prior=None, **{name: SMALL * 255})
+        with pytest.warns(UserWarning, match="far beyond 0…1") as caught:
+            reconstruct(DESCRIPTOR, "uoctti", SIZE, quality="fast", prior=None, **{name: SMALL * 2 - 1})
+        assert caught[0].filename == __file__
 
 
 def test_names_of_images_are_texts() -> None:

@@ -193,4 +193,8 @@ def test_what_is_no_spec_is_answered_with_what_to_write(module: Any) -> None:
 
 
 def test_empty_batches() -> None:
-    assert HOGLoss("uoctti", reduction="none")(TARGETS[:0], TARGETS[:0]).shape == (0,)
+    """As PyTorch's losses: a mean of nothing is NaN, a sum 0."""
+    losses: dict[Any, Tensor] = {"mean": torch.tensor(math.nan), "sum": torch.tensor(0.0), "none": torch.zeros(0)}
+    for reduction, expected in losses.items():
+        loss = HOGLoss("uoctti", reduction=reduction)(TARGETS[:0], TARGETS[:0])
+        assert_close(loss, expected.to(loss), equal_nan=True)

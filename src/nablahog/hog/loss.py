@@ -38,7 +38,8 @@ class HOGLoss(nn.Module):
     Args:
         spec: the dialect, or the name of a preset with its defaults.  A dialect of hard votes has a derivative by
             gradient magnitudes alone (``docs/derivatives.md``).
-        reduction: over the batch: ``"mean"``, ``"sum"``, or ``"none"`` for one value an image.
+        reduction: over the batch: ``"mean"``, ``"sum"``, or ``"none"`` for one value an image.  As in PyTorch's losses
+            the mean of an empty batch is NaN, its sum 0.
 
     Raises:
         ValueError: there is no such preset or reduction.

@@ -10,7 +10,7 @@ import numpy as np
 from torch import Tensor
 
 from ..hog.spec import HOGSpec
-from ..inputs.arrays import LEVEL_OVERSHOOT, ArrayImage, as_unit_range
+from ..inputs.arrays import LEVEL_OVERSHOOT, ArrayImage, as_unit_range, warn_about_levels
 from ..inputs.numbers import as_integer, as_number, as_size, as_truth, check_choice, check_type
 from ..inputs.tensors import check_finite, check_floats
 from ..optimize import Minimiser
@@ -66,6 +66,7 @@ def convert_images(
     brightest = float(images.detach().max())
     if brightest > 1 + LEVEL_OVERSHOOT:
         raise ValueError(f"{name} must be floats in 0…1, got up to {brightest:g}: divide by the value of white, 255")
+    warn_about_levels(images, stacklevel=5)  # of the line that called reconstruct, which has a decorator
     images = images.detach().to(descriptor)
     return images.clamp(min=0).sqrt() if spec.gamma == "sqrt" else images
 

@@ -196,28 +196,30 @@ def _check_model(statement: _Statement) -> str | None:
 
 
 def _find_intrinsics(statements: Iterable[_Statement]) -> tuple[float, float, float, float]:
-    found = []
+    intrinsics = []
     for name, written, value in statements:
         if name in _MATRICES:
             numbers = as_intrinsics(written, _as_rows(value))
-            found += [_Statement(part, written, number) for part, number in zip(_INTRINSICS, numbers, strict=True)]
+            intrinsics += [_Statement(part, written, number) for part, number in zip(_INTRINSICS, numbers, strict=True)]
         elif name in _INTRINSICS:
-            found.append(_Statement(name, written, as_number(written, value)))
-    numbers_by_name = _merge(found)
+            intrinsics.append(_Statement(name, written, as_number(written, value)))
+    numbers_by_name = _merge(intrinsics)
     if len(numbers_by_name) < len(_INTRINSICS):
         raise ValueError(f"expected {_EXPECTED}, got {shortened([statement.written for statement in statements])}")
     return as_intrinsics("fx, fy, cx, cy", [numbers_by_name[name] for name in _INTRINSICS])
 
 
 def _find_distortion(statements: Iterable[_Statement]) -> tuple[float, float, float, float, float] | None:
-    found = []
+    coefficients = []
     for name, written, value in statements:
         if name in _DISTORTIONS and value != () and not isinstance(value, str):
             numbers = as_distortion(written, value)
-            found += [_Statement(*each) for each in zip(_COEFFICIENTS, [written] * len(numbers), numbers, strict=False)]
+            coefficients += [
+                _Statement(*each) for each in zip(_COEFFICIENTS, [written] * len(numbers), numbers, strict=False)
+            ]
         elif name in _COEFFICIENTS:
-            found.append(_Statement(name, written, as_number(written, value)))
-    numbers_by_name = _merge(found)
+            coefficients.append(_Statement(name, written, as_number(written, value)))
+    numbers_by_name = _merge(coefficients)
     if not numbers_by_name:
         return None
     return as_distortion(", ".join(_COEFFICIENTS[:5]), [numbers_by_name.get(name, 0.0) for name in _COEFFICIENTS])
