@@ -19,6 +19,8 @@ from nablahog.pose.model import azimuth_distance
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE
 
+from .common import SWIVEL, model, photographed
+
 ALONE = Evidence(True, 8.0, 0.1, 0.3, 1.0, (0.9, 0.6))
 AMONG = Evidence(False, 6.0, 0.1, 0.3, 0.6, (0.5, 0.1))
 PLAIN = Weights(constant=0.0, similarity=0.0, penalty=0.0, sidelobe=0.0, agreement=0.0, share=1.0)
@@ -107,6 +109,10 @@ def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it() -> None:
     assert estimate.evidence is not None
     assert estimate.evidence.shares == tuple(rival.share for rival in estimate.runners_up)
     assert [estimate.confidence, *confidences] == pytest.approx([*probabilities(estimate.evidence)])
+    image, around = photographed(model(SWIVEL), 40, 18)
+    clear = estimate_pose(image, model(SWIVEL), box=around)
+    assert max(azimuth_distance(clear.azimuth, rival.azimuth) for rival in clear.runners_up) > 179
+    assert clear.half_turn
 
 
 def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit() -> None:
