@@ -21,6 +21,7 @@ from nablahog.pose import whitening
 from nablahog.pose.background import default_background, learn_background, pose_spec
 from nablahog.pose.whitening import Background, Whitener
 
+from ..interruption import Interruption
 from ..io.archives import check_refused
 
 SPEC = presets.aubry(4, orientations=3)
@@ -36,6 +37,21 @@ def images(count: int = 3) -> dict[str, Tensor]:
 @pytest.fixture(scope="module")
 def background() -> Background:
     return learn_background(images(), SPEC, order=ORDER)
+
+
+def test_an_interrupted_learning_is_resumed_with_the_same_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, background: Background
+) -> None:
+    monkeypatch.setattr("nablahog.pose.background.SAVED", 2)
+    path, resumed = tmp_path / "kept", Interruption()
+    with pytest.raises(KeyboardInterrupt):
+        learn_background(images(), SPEC, order=ORDER, checkpoint=path, progress=Interruption(3))
+    with pytest.raises(ValueError, match=r"checkpoint of another training .*images"):
+        learn_background(images(4), SPEC, order=ORDER, checkpoint=path)
+    result = learn_background(images(), SPEC, order=ORDER, checkpoint=path, progress=resumed)
+    assert resumed.steps == [2, 3]
+    assert torch.equal(result.mean, background.mean)
+    assert torch.equal(result.covariance, background.covariance)
 
 
 @pytest.fixture(scope="module")

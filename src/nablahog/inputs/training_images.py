@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -48,3 +49,12 @@ def gray_photographs(images: Mapping[str, object], least: tuple[int, int] = (1, 
             raise ValueError(f"{name} must have gray values in 0…1, got {image.min():g} … {image.max():g}{WHITE}")
         photographs[name] = torch.from_numpy(image.astype(np.float32))
     return photographs
+
+
+def digest_of_images(images: Mapping[str, Tensor]) -> str:
+    """The SHA-256 of the names, sizes and pixels of images (H, W), in the order of their names, hexadecimal."""
+    digest = hashlib.sha256()
+    for name in sorted(images):
+        digest.update(f"{name}\0{tuple(images[name].shape)}\0".encode(errors="backslashreplace"))
+        digest.update(np.ascontiguousarray(images[name].numpy()).tobytes())
+    return digest.hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
@@ -17,13 +18,15 @@ from ..hog.presets import aubry
 from ..hog.spec import HOGSpec
 from ..inputs.arrays import ArrayImage
 from ..inputs.numbers import as_integer
-from ..inputs.training_images import gray_photographs
+from ..inputs.training_images import digest_of_images, gray_photographs
+from ..io.checkpoint import Checkpoint
 from ..io.images import SAMPLE_NAMES, limit_size, sample_photograph
 from ..runtime.pytorch import in_plain_mode
 from .whitening import Background, check_spec
 
 STORED_BACKGROUNDS = Path(__file__).with_name("default_backgrounds")  # see its README.md
 SCALE_STEP = 2**-0.5  # between two scales of a photograph
+SAVED = 10  # images between two checkpoints: half a minute
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
 RING_CELLS = 1  # cells next to the border of an image, which are unlike all others
 COARSE_CELL, FINE_CELL = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other
@@ -42,6 +45,7 @@ def learn_background(
     *,
     order: int = ORDER,
     regularization: float = 0.01,
+    checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, what: None,
     map_function: Callable[..., Iterable[Any]] = map,
 ) -> Background:
@@ -55,13 +59,16 @@ def learn_background(
         spec: the dialect, or the name of a preset with its defaults; not globally normalised.
         order: the largest offset between cells, at least 0; templates may have one row and column more.
         regularization: see :class:`.whitening.Background`.
+        checkpoint: a file that is written every 10 images.  If it exists and is of the same learning, this is resumed,
+            with the same result.  The file is not removed.
         progress: called with the images done, their number and the name of the last one.
         map_function: as ``map``, of one argument: perhaps in other processes.
 
     Raises:
         TypeError: the images have no names, or one is no image of real numbers.
         ValueError: there are no images, or one is too small or holds other values; the spec is globally normalised;
-            ``order`` is below 0.
+            ``order`` is below 0; the checkpoint is damaged or of another learning.
+        OSError: the checkpoint cannot be read or written.
 
     >>> photographs = {"a": torch.rand(96, 128), "b": torch.rand(128, 96)}
     >>> background = nablahog.pose.learn_background(photographs, "aubry", order=2)
@@ -72,12 +79,20 @@ def learn_background(
     check_spec(spec)
     order = as_integer("order", order, 0)
     photographs = gray_photographs(images, least_size(spec, order))
-    progress(0, len(images), "")
-    sums = torch.zeros((), dtype=torch.float64)
-    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), [photographs[name] for name in images])
-    for done, (name, sums_of_image) in enumerate(zip(images, image_sums, strict=True), start=1):
+    names, sums = list(images), torch.zeros((), dtype=torch.float64)
+    identity = {"images": digest_of_images(photographs), "names": names, "spec": spec.to_json(), "order": order}
+    saved: dict[str, Any] = {"done": 0, "sums": sums}
+    file = Checkpoint(checkpoint, identity)
+    file.resume(saved.update)
+    first_done, sums = saved["done"], saved["sums"]
+    progress(first_done, len(names), "")
+    rest = names[first_done:]
+    image_sums = map_function(partial(_sum_scales, spec=spec, order=order), [photographs[name] for name in rest])
+    for done, (name, sums_of_image) in enumerate(zip(rest, image_sums, strict=True), start=first_done + 1):
         sums = sums + sums_of_image
-        progress(done, len(images), name)
+        if done % SAVED == 0:
+            file.save({"done": done, "sums": sums})
+        progress(done, len(names), name)
     # over all pairs of cells: sums of products, of the first, of the second, and the number of pairs
     products, first, second, pairs = sums[..., :-1, :-1], sums[..., :-1, -1:], sums[..., -1:, :-1], sums[..., -1:, -1:]
     mean = first[order, order, :, 0] / pairs[order, order, 0, 0]

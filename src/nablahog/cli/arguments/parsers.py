@@ -30,7 +30,8 @@ _DESCRIPTIONS = {
     "Runs on a GPU if there is one. The state after each epoch is saved in FILE.npz.checkpoint; an interrupted run is "
     "resumed from it when it is repeated, and it is removed at the end.",
     "background": "Learns the mean of a descriptor and the covariance of its cells at each offset, over all "
-    "photographs and their scales: the background from which the elements of an object stand out.",
+    "photographs and their scales: the background from which the elements of an object stand out. The state after "
+    "every ten photographs is saved in FILE.npz.checkpoint, as for a prior.",
     "hoggles": "Learns a dictionary of windows of descriptors together with one of their gray patches, as Vondrick et "
     "al. do. This takes about half an hour on one core. The state is saved in FILE.npz.checkpoint every 20 of 1000 "
     "iterations; an interrupted run is resumed from it when it is repeated, and it is removed at the end.",

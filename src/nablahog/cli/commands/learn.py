@@ -44,7 +44,7 @@ def learn(arguments: Namespace) -> None:
 
 def _learner(kind: str) -> Learner:
     if kind == "background":
-        return Learner(Background, learn_background, check_spec, least_size)
+        return Learner(Background, learn_background, check_spec, least_size, resumes=True)
     return LEARNED[kind]
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
 from torch import Tensor
 
 from ...runtime.text import counted
@@ -56,12 +54,3 @@ class NetworkLearning(Learning):
 def digest_of_weights(weights: Tensor) -> str:
     """The SHA-256 of weights (n,), float16, hexadecimal."""
     return hashlib.sha256(weights.cpu().numpy().tobytes()).hexdigest()
-
-
-def digest_of_images(images: Mapping[str, Tensor]) -> str:
-    """The SHA-256 of the names, sizes and pixels of images (H, W), in the order of their names, hexadecimal."""
-    digest = hashlib.sha256()
-    for name in sorted(images):
-        digest.update(f"{name}\0{tuple(images[name].shape)}\0".encode(errors="backslashreplace"))
-        digest.update(np.ascontiguousarray(images[name].numpy()).tobytes())
-    return digest.hexdigest()

@@ -18,7 +18,7 @@ from ...hog.dialects import as_spec
 from ...hog.spec import HOGSpec
 from ...inputs.arrays import ArrayImage
 from ...inputs.numbers import as_integer, check_callable, check_choice
-from ...inputs.training_images import gray_photographs
+from ...inputs.training_images import digest_of_images, gray_photographs
 from ...io.checkpoint import Checkpoint
 from ...io.learned_model import build_network, flatten_all, fold_statistics, unfold_statistics
 from ...io.learner import Learner
@@ -26,7 +26,7 @@ from ...runtime.pytorch import in_float32, in_plain_mode, seeded
 from ..histograms import linear_vote_spec
 from .calibration import calibrate
 from .learned import LearnedPrior, network_class
-from .provenance import NetworkLearning, digest_of_images, digest_of_weights
+from .provenance import NetworkLearning, digest_of_weights
 from .signed_network import Architecture
 from .training_windows import SignedTraining, UnsignedTraining, WindowTraining
 

@@ -30,8 +30,8 @@ from scipy.cluster.vq import kmeans2
 from torch import Tensor
 from torch.nn.functional import fold
 
-from ...inputs.training_images import gray_photographs
-from ...invert.prior.provenance import Learning, digest_of_images
+from ...inputs.training_images import digest_of_images, gray_photographs
+from ...invert.prior.provenance import Learning
 from ...invert.reconstruction import Reconstruction
 from ...io.learned_model import INTEGER, TENSOR, LearnedModel, account, check_tensor, integers
 from ...runtime.text import counted

@@ -24,8 +24,7 @@ from torch import Tensor
 
 from ...hog.descriptor import hog
 from ...hog.spec import HOGSpec
-from ...inputs.training_images import gray_photographs
-from ...invert.prior.provenance import digest_of_images
+from ...inputs.training_images import digest_of_images, gray_photographs
 from ...io.checkpoint import Checkpoint
 from ...runtime.extras import extra
 from .hoggles import (
