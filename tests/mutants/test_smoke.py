@@ -17,6 +17,7 @@ from tests.mutants.results import Result, judge_tests
 
 FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "pytest_cov.plugin"}  # the others take time
 COMPILER = shutil.which("c++")
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes do not start as copies here")
 TOY = {
     "src/toy/__init__.py": "",
     "src/toy/box.py": """
@@ -175,6 +176,7 @@ def test_order_of_lines_depends_on_their_texts_alone(toy: Checkout) -> None:
     assert [pair for pair in after if pair[0] != "LARGEST = 9"] == before
 
 
+@needs_fork
 def test_tries_parts_and_resumes(toy: Checkout) -> None:
     run(toy, "--all", "--part", "1/2", "--under", "box.py")
     first = len((toy.root / "out/mutants/results.jsonl").read_text().splitlines())
@@ -187,6 +189,7 @@ def test_tries_parts_and_resumes(toy: Checkout) -> None:
     assert any(line.startswith("alone\t") and line.endswith("::test_cube") for line in report)
 
 
+@needs_fork
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
 def test_compiles_what_it_breaks(toy: Checkout) -> None:
     lines = run(toy, "--under", "native/core.cpp")
