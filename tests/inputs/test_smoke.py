@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nablahog.inputs.arrays import as_mask
+from nablahog.inputs.arrays import as_array, as_mask, as_tensor
 from nablahog.inputs.boxes import as_box
 from nablahog.inputs.cameras import as_camera, as_view
 from nablahog.inputs.numbers import as_integer, as_number, as_seed, as_size, parse_numbers
@@ -65,6 +65,18 @@ def test_limits(name: str) -> None:
     for value in refused:
         with pytest.raises(ValueError, match=r"must (be|have)|expected levels in"):
             read(value)
+
+
+def test_arrays() -> None:
+    """A column of objects is one of numbers, but None is no NaN; memory is taken in whatever order it is."""
+    rows = np.array([[1, 2.5], [3, 4]], object)
+    assert as_array("rows", rows).dtype == np.float64
+    with pytest.raises(TypeError, match="rows must"):
+        as_array("rows", np.array([1.0, None], object))
+    numbers = np.zeros(4, np.dtype([("a", np.float32), ("b", np.int8)]))["a"]  # 5 bytes from one to the next
+    numbers[:] = [1, 2, 3, 4]
+    for array in (numbers, numbers[::-1], numbers[::2], np.array([1, 2], ">f4")):
+        assert as_tensor("numbers", array).tolist() == array.tolist()
 
 
 def test_a_camera() -> None:
