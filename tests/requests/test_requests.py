@@ -97,6 +97,14 @@ def test_what_is_off_without_being_asked_for() -> None:
     assert not PoseRequest().page
 
 
+def test_what_is_passed_on() -> None:
+    assert PoseRequest(initial=(20, 10), within=30.0, page=True).keywords() == {"initial": (20, 10), "within": 30.0}
+    assert PoseRequest(method="paper", seed=3, box=(1, 2, 30, 40)).keywords() == {
+        "method": "paper", "seed": 3, "box": (1, 2, 30, 40)
+    }  # fmt: skip
+    assert InvertRequest(prior="none", quality="fast", size=64).keywords() == {"quality": "fast", "prior": None}
+
+
 def test_a_focal_length_is_in_pixels() -> None:
     assert PoseRequest(focal=500).focal == 500
     [focal] = [option for option in list_options(PoseRequest) if option.name == "focal"]
