@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from nablahog import hog, presets, reconstruct
 from nablahog.hog import HOGSpec
 from nablahog.hog.entries import cell_entries
 from nablahog.invert import Search
-from nablahog.invert.template import template_descriptor
+from nablahog.invert.template import reconstruct_template, template_descriptor
 
 SPECS: dict[str, HOGSpec] = {
     "dpm": presets.dpm(4),
@@ -78,3 +79,21 @@ def test_refusals() -> None:
         template_descriptor(-torch.ones(1, 10, 10, 31), spec)
     with pytest.raises(ValueError, match="a template has no negative weights of edges"):
         template_descriptor(torch.ones(1, 10, 10, 31), spec, negative=True)
+
+
+@pytest.mark.parametrize("name", ["uoctti", "paper"])
+def test_a_detector_likes_the_pre_image_of_its_weights(name: str) -> None:
+    """More than that of what it dislikes; several searches of an unsigned one are averaged, and a seed repeats them."""
+    image = torch.zeros(1, 1, 48, 48)
+    image[..., 16:32, 8:40] = 1
+    weights = hog(image, name) - 0.5 * hog(image.mT, name)
+    few: dict[str, Any] = {"max_evaluations": 20, "seed": 3}
+    liked, disliked = (reconstruct_template(weights, name, negative=negative, **few) for negative in (False, True))
+    scores = [float((hog(result.image, name) * weights).sum()) for result in (liked, disliked)]
+    assert scores[0] > 2 * scores[1]
+    assert liked.image.shape == (1, 1, 48, 48)
+    searches = 1 if name == "uoctti" else 6
+    assert 20 * (searches - 1) < int(liked.evaluations) <= 20 * searches
+    assert len(liked.history) == int(liked.evaluations)
+    again = reconstruct_template(weights[0].numpy(), name, (48, 48), **few)
+    np.testing.assert_array_equal(again.image, liked.image[0, 0].numpy())
