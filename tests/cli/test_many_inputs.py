@@ -43,6 +43,26 @@ def test_a_folder_is_all_its_images(tmp_path: Path, mixed: Path, capsys: pytest.
     assert line.startswith(f"nablahog hog: skipped: {mixed / '1a.png'}: expected an image")
 
 
+@pytest.mark.parametrize(("mode", "settings", "loses"), [("RGB", [], 1), ("L", [], 0), ("RGB", ["channel_axis=-1"], 0)])
+@pytest.mark.parametrize("command", ["hog", "glyph", "invert"])
+def test_colours_that_scikit_image_would_use_are_named_once(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    mode: str,
+    settings: list[str],
+    loses: int,
+) -> None:
+    monkeypatch.setattr(invert, "invert_batch", _no_inversion)
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.png", "b.png"):
+        Image.fromarray(CHELSEA).convert(mode).save(name)
+    options = [word for setting in settings for word in ("--set", setting)]
+    main([command, "a.png", "b.png", "-o", "out/", "--preset", "skimage", *options])
+    assert capsys.readouterr().err.count("--set channel_axis=-1") == loses
+
+
 def test_patterns(tmp_path: Path, mixed: Path, photo: str) -> None:
     assert main(["hog", str(mixed / "[12].png"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
     assert names(tmp_path / "out") == ["1.npz", "2.npz"]

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..hog.descriptor import makes_colours_gray
+from ..hog.spec import COLOURS
 from ..invert import template_descriptor
 from ..io.arrays import is_archive, is_raw, naming, refuse_pickle
 from ..io.descriptor_file import load_descriptor
@@ -37,6 +39,10 @@ if TYPE_CHECKING:
 DATASET = ".parquet"
 ARRAY_OPTIONS = ("image_size", "key", "row")  # of requests, about arrays of other libraries
 SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
+MADE_GRAY = (
+    "colour photographs are made gray for this descriptor; scikit-image refuses them, or uses their colours: "
+    "write --set channel_axis=-1 for that"
+)
 ROWS_IN_MEMORY = 1000  # of a data set, at a time
 ROW_BYTES = 1 << 28  # of their descriptors
 
@@ -163,7 +169,8 @@ def read_inputs(
 ) -> Inputs:
     """Reads and checks the ``inputs`` of a command; computes the descriptors of the photographs among them.
 
-    After the last one, a line on stderr says whether photographs were shrunk to a size that speed asks for.
+    After the last one, lines on stderr say whether photographs were shrunk to a size that speed asks for, and whether
+    colours were lost that scikit-image uses.
 
     Args:
         arguments: of the command.
@@ -194,6 +201,8 @@ def read_inputs(
         if reader.shrunk:
             which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
             inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
+        if reader.loses_colours:
+            inform(MADE_GRAY)
 
     many, sources = expanded.many or bool(data), read_all()
     if not many and isinstance(request, GlyphRequest):  # one file, which may hold a matrix
@@ -234,11 +243,12 @@ def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
 
 @dataclass
 class _Reader:
-    """Reads inputs; counts arrays, and photographs that were shrunk for speed."""
+    """Reads inputs; counts arrays, and photographs that were shrunk for speed; knows whether any lost its colours."""
 
     request: HogRequest
     arrays: int = 0
     shrunk: int = 0
+    loses_colours: bool = False
 
     def read(self, file: InputFile, stem: str) -> list[Source]:
         request = self.request
@@ -265,6 +275,7 @@ class _Reader:
             ) from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE
+        self.loses_colours |= len(photo) == COLOURS and makes_colours_gray(request.spec)
         return [from_photo(file.name, stem, photo, request.spec, size=request.size, shrunk=shrunk)]
 
     @staticmethod

@@ -132,13 +132,18 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
             "images have 4 channels, and each of them is described; of RGBA images drop the last, write images[:, :3], "
             "or pass a PIL image, which is put over white"
         )
-    elif channels == COLOURS and spec.colour == "gray" and spec.layout in ("blocks", "block-vector"):
+    elif channels == COLOURS and makes_colours_gray(spec):
         advice_on_channels = (
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
     if advice_on_channels and not is_traced(images):
         warnings.warn(advice_on_channels, UserWarning, stacklevel=_CALLER)
+
+
+def makes_colours_gray(spec: HOGSpec) -> bool:
+    """Whether colour images become gray (Eq. 1) for a spec of scikit-image, which refuses them or uses the colours."""
+    return spec.colour == "gray" and spec.layout in ("blocks", "block-vector")
 
 
 class HOG(nn.Module):

@@ -56,6 +56,15 @@ def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
         assert torch.equal(row.stored.descriptor, expected)
 
 
+def test_colours_that_scikit_image_would_use_are_named(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["hog", str(photos / "*.png"), "-o", str(tmp_path / "out.parquet"), "--preset", "skimage"]
+    for count in (1, 0):  # nothing is left to do
+        main(arguments)
+        assert capsys.readouterr().err.count("--set channel_axis=-1") == count
+
+
 @pytest.fixture
 def described(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of the images that are described, as they are."""

@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...hog.descriptor import makes_colours_gray
 from ...io.files import remove_parts
 from ...jobs.runner import run_jobs
 from ...jobs.worker import cores
@@ -17,7 +18,7 @@ from ...runtime.extras import extra
 from ...runtime.text import counted
 from ..arguments.options import build_request
 from ..errors import SOME_SKIPPED
-from ..inputs import DATASET
+from ..inputs import DATASET, MADE_GRAY
 from ..terminal import counter, inform, say
 
 if TYPE_CHECKING:
@@ -48,6 +49,9 @@ def hog_dataset(arguments: Namespace) -> int:
         for number, shard in enumerate(find_shards(target, manifest))
         if shard is None
     ]
+
+    if jobs and makes_colours_gray(request.spec):
+        inform(MADE_GRAY)
 
     def begin(index: int) -> None:
         if index == 0:  # a cluster that is not there leaves nothing
