@@ -104,10 +104,34 @@ def test_windows_with_nothing_in_common_are_asked_about() -> None:
     assert (9, (128, 64)) in [(each.count, each.image_size) for each in found.candidates[: found.likely]]
 
 
-@pytest.mark.parametrize(("win_size", "size", "count"), [((48, 96), (80, 104), 10), ((64, 64), (64, 96), 5)])
-def test_windows_of_another_size(win_size: tuple[int, int], size: tuple[int, int], count: int) -> None:
+@pytest.mark.parametrize("corner", [(150, 349), (117, 493), (92, 23)])
+def test_faint_windows_of_opencv_clip_nothing(corner: tuple[int, int]) -> None:
+    """The first ε of L2-Hys is large: of a sky no entry reaches the clip."""
+    cv2 = pytest.importorskip("cv2")
+    y, x = corner
+    sky = np.ascontiguousarray(data.rocket()[y : y + 128, x : x + 64, ::-1])
+    first = which_hog(cv2.HOGDescriptor().compute(sky)).candidates[0]
+    assert (first.preset, first.image_size) == ("opencv", (128, 64))
+
+
+@pytest.mark.parametrize("library", ["opencv", "skimage"])
+def test_descriptors_of_several_images_in_one_row_are_asked_about(library: str) -> None:
+    """Four of 64x64 pixels have as many blocks as one of 64x232."""
+    photographs = [getattr(data, name)()[80:144, 80:144] for name in ("astronaut", "coffee", "chelsea", "cat")]
+    spec = presets.skimage(cells_per_block=(2, 2), channel_axis=-1) if library == "skimage" else presets.opencv()
+    rows = np.concatenate([nablahog.hog(np.ascontiguousarray(one), spec, layout="native") for one in photographs])
+    found = which_hog(rows)
+    assert not found.decided_by
+    assert "descriptors" in found.remark
+
+
+@pytest.mark.parametrize(
+    ("win_size", "size", "count", "stride"),
+    [((48, 96), (80, 104), 10, 8), ((64, 64), (64, 96), 5, 8), ((64, 64), (160, 160), 9, 48)],
+)
+def test_windows_of_another_size(win_size: tuple[int, int], size: tuple[int, int], count: int, stride: int) -> None:
     """Said, or as the distance between equal blocks tells."""
-    vector = opencv_windows(*size, win_size)
+    vector = opencv_windows(*size, win_size, stride)
     for asked in ({}, {"image_size": win_size[::-1]}, {"dialects": {"opencv": {"win_size": win_size}}}):
         found = which_hog(vector, **asked)
         first = found.candidates[0]

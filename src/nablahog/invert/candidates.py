@@ -34,7 +34,7 @@ VARIANTS: dict[str, dict[str, tuple[Any, ...]]] = {
     "vlfeat": {"variant": ("uoctti", "dalaltriggs")},
 }
 """Parameters that are tried with their values, beside orientations; the default first."""
-_UNTOLD = {"opencv": ("gamma",), "skimage": ("transform_sqrt", "channel_axis")}
+_UNTOLD = {"opencv": ("gamma", "signed", "win_sigma", "block_stride"), "skimage": ("transform_sqrt", "channel_axis")}
 """Parameters that change all numbers, but nothing that a check looks at."""
 _CELL_NAMES = ("cell_size", "pixels_per_cell")
 _ORIENTATION_NAMES = ("bins", "nbins", "orientations")

@@ -18,7 +18,7 @@ from ..io.descriptor_file import is_row
 from ..runtime.pytorch import in_threads
 from .candidates import WINDOWED, Candidate, Parameters, check_dialects, describe_assumptions, fit_shape
 from .preimage import reconstruct
-from .windows import find_windows
+from .windows import describe_seams, find_windows
 
 EQUAL = "its numbers are all equal, as no descriptor's of a photograph are"
 MOST_NAMED = 3  # candidates in a summary
@@ -41,7 +41,8 @@ class WhichHOG:
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
         assumed: what no check tells of the first, as a sentence, if it was decided and there is something.
-        remark: why nothing was decided, as a sentence, of numbers that are scaled or all equal.
+        remark: why nothing was decided, as a sentence, of numbers that are scaled or all equal, or that look like
+            several descriptors in one row.
     """
 
     candidates: tuple[Candidate, ...]
@@ -144,8 +145,10 @@ def which_hog(
         return WhichHOG(ranked, len(ranked), remark=_remark_on_scale(checked, fitting))
     # windows without blocks in common look like one image of all their columns
     is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
-    if not is_sure:
-        return WhichHOG(ranked, len(remaining))
+    single = is_row(checked.shape) and remaining[0].count == 1
+    seams = describe_seams(checked, remaining[0]) if is_sure and single and size is None else ""
+    if seams or not is_sure:
+        return WhichHOG(ranked, len(remaining), remark=seams)
     return WhichHOG(ranked, 1, decided_by, describe_assumptions(ranked[0], is_size_known=size is not None))
 
 
@@ -198,7 +201,7 @@ def _remark_on_scale(array: NDArray[np.floating], candidates: list[Candidate]) -
     if float(array.min()) == largest:
         return EQUAL
     for factor in (255.0, *(largest / clipped for clipped in CLIPPED)):
-        remaining, _, identities = _check_identities(np.asarray(array / factor, array.dtype), candidates)
+        remaining, _, identities = _check_identities(np.asarray(array / factor, np.float32), candidates)
         if identities:
             return f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
     return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else ""

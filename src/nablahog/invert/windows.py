@@ -6,17 +6,23 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn.functional import normalize
 
 from ..hog import HOGSpec, presets
-from .candidates import MOST_ASPECT, WINDOWED, Candidate, Parameters, fit_windows, variants
+from .candidates import DEFAULT_WINDOW, MOST_ASPECT, WINDOWED, Candidate, Parameters, fit_windows, variants
 
 MOST_COMPARED = 2**20  # numbers of windows
 SHARED = 0.5  # of windows, at least, have blocks in common with the next, in the least of two in each row
-RECURRING = 0.25  # of blocks, at least, recur in windows of an unknown size
+RECURRING = 0.1  # of blocks, at least, recur in windows of an unknown size
+MOST_PLACES = 8  # times as many places as the distance between equal blocks has a window: they share a column of 8
 LEAST_BLOCKS = 3  # along each side of such a window
 DISTINCT = 0.9  # of the blocks of a window, at least, else a pattern repeats itself in one image
 MOST_DISTINCT = 16  # windows whose blocks are compared with each other
+SEAM = 1.8  # times less alike are the lines of blocks on both sides of a seam between descriptors
+OTHER_LENGTH = 1.33  # times more alike are lines of another length than the image's, if they may be a descriptor's
 
 
 def find_windows(
@@ -67,7 +73,7 @@ def _of_other_sizes(array: NDArray[np.floating], parameters: Parameters) -> Iter
     if remainder:
         return
     distance = _distance_of_equals(array.reshape(blocks, -1)[: MOST_COMPARED // spec.channels])
-    for places in range(distance + 1, 2 * distance + 1):
+    for places in range(distance + 1, MOST_PLACES * distance + 1):
         sides = range(LEAST_BLOCKS, places // LEAST_BLOCKS + 1) if blocks % places == 0 else ()
         for rows, cols in ((side, places // side) for side in sides if places % side == 0):
             fitting = _windows_of(array.size, parameters, spec, rows, cols)
@@ -92,3 +98,42 @@ def _distance_of_equals(blocks: NDArray[np.floating]) -> int:
     if is_equal.sum() < RECURRING * len(blocks) or kinds.max() < LEAST_BLOCKS**2:
         return 0
     return int(np.bincount(np.diff(order)[is_equal]).argmax())
+
+
+def describe_seams(array: NDArray[np.floating], candidate: Candidate) -> str:
+    """How one descriptor in a row looks as if it were several of another size, as a sentence; empty if it does not."""
+    if candidate.preset == WINDOWED and candidate.image_size == DEFAULT_WINDOW[::-1]:
+        return ""  # the usual one
+    order = candidate.descriptors(np.arange(array.size, dtype=np.float64))[0, ..., 0]
+    if min(order.shape) < 2:
+        return ""
+    blocks = normalize(candidate.descriptors(array)[0], dim=2)  # else a few strong ones decide
+    lines = blocks.transpose(0, 1) if order[0, 1] > order[1, 0] else blocks  # (S, F, channels), as they are stored
+    places, whole = lines.flatten(0, 1), _difference_of_lines(lines)
+    for length in range(LEAST_BLOCKS, len(places) // (2 * LEAST_BLOCKS) + 1):
+        if len(places) % length:
+            continue
+        shorter = places.reshape(-1, length, places.shape[1])
+        if length != lines.shape[1] and _difference_of_lines(shorter) * OTHER_LENGTH > whole:
+            continue
+        size = _size_between_seams(shorter)
+        if size:
+            parts = len(places) // (size * length)
+            return f"its blocks change after every {size} rows of {length}, as if it were {parts} descriptors"
+    return ""
+
+
+def _size_between_seams(lines: Tensor) -> int:
+    """The lines (S, F, channels) from one seam to the next, in a descriptor of no extreme shape; 0 without seams."""
+    count, length = lines.shape[:2]
+    steps = (lines[1:] - lines[:-1]).square().mean(dim=(1, 2))
+    for size in range(LEAST_BLOCKS, count // 2 + 1):
+        if count % size == 0 and max(size, length) <= MOST_ASPECT * min(size, length):
+            at_seams = torch.arange(1, count) % size == 0
+            if steps[at_seams].mean() > SEAM * steps[~at_seams].mean():
+                return size
+    return 0
+
+
+def _difference_of_lines(lines: Tensor) -> float:
+    return float((lines[1:] - lines[:-1]).square().mean())

@@ -38,7 +38,7 @@ class Advice:
 
 def advise(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
     """What to ask for in place of a request that does not fit an array, if the checks decide on one."""
-    for advice in (advise_on_swapped_size, _advise_on_cells, _advise_on_size, _advise_on_preset):
+    for advice in (advise_on_swapped_size, _advise_on_cells, _advise_on_size, advise_on_preset):
         found = advice(array, request)
         if found is not None:
             return found
@@ -100,7 +100,7 @@ def _advise_on_size(array: NDArray[np.floating], request: GlyphRequest) -> Advic
     return Advice(f"its numbers hold for {as_text(found.candidates[0].image_size)} pixels (height x width)", asked)
 
 
-def _advise_on_preset(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
+def advise_on_preset(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
     """Another preset than the one that was asked for, if its numbers hold for that alone."""
     if request.preset is None:
         return None

@@ -19,7 +19,7 @@ from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
-from .advice import Advice, advise, advise_on_swapped_size, complete, find_which, known_dialects
+from .advice import Advice, advise, advise_on_preset, advise_on_swapped_size, complete, find_which, known_dialects
 from .dialect import as_text, opencv_window_size
 from .inversion import GlyphRequest
 
@@ -52,7 +52,9 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
         with suggesting(array, request):
             asked = request
             request, how, decided_by = identify(array, request)
-        advice = advise_on_swapped_size(array, asked) if is_row(how.shape) and np.isfinite(array).all() else None
+        advice = None
+        if is_row(how.shape) and np.isfinite(array).all():
+            advice = advise_on_swapped_size(array, asked) or advise_on_preset(array, asked)
         if is_row(array.shape) and math.prod(how.shape) < array.size:
             array = array.reshape(-1, math.prod(how.shape))
         _check_row(array, request.row)
