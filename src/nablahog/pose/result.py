@@ -29,7 +29,8 @@ MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose without a confidence may mean nothing: 9 of 10 boxes of photographs
 without any chair stay below it (48 boxes, 24 models), and none of 48 scenes with one of the models."""
 
-
+DOUBT = "this pose is more likely wrong than right"
+"""How the warning of a doubtful pose ends."""
 SECOND_CONFIDENCE = 0.15
 """Confidence of a runner-up above which it is shown beside the best pose."""
 OPPOSITE = 150.0
@@ -264,4 +265,4 @@ def warning(estimate: PoseEstimate) -> str | None:
         reason = f"the similarity, {estimate.similarity:.1f}, is no higher than in photographs without the object"
     else:
         reason = None
-    return reason and f"{reason}: this pose is more likely wrong than right"
+    return reason and f"{reason}: {DOUBT}"

@@ -20,9 +20,14 @@ from PIL import ExifTags, Image
 
 from nablahog.cli.commands import pose
 from nablahog.cli.main import main
+from nablahog.cli.results.pose_files import PosedObject
+from nablahog.inputs.cameras import advise_on_size
 from nablahog.io.images import write_image
+from nablahog.io.lists import AnnotatedObject
+from nablahog.pose.result import DOUBT
 from nablahog.render import Mesh
-from nablahog.render.models import save_meshes
+from nablahog.render.models import Model, save_meshes
+from nablahog.requests.pose import PoseRequest
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
 from ..common import names
@@ -177,6 +182,21 @@ def test_axes_of_the_model(tmp_path: Path, scene: list[str], wedge: str, capsys:
         assert ("--up y" in said) == (not axes)
     assert poses[1]["azimuth"] == poses[0]["azimuth"]
     assert poses[1]["similarity"] == pytest.approx(poses[0]["similarity"])
+
+
+def test_advice_on_a_warning_fits_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A model on its side is a cause only of doubt, and a wrong azimuth a likelier one."""
+    doubt, size = f"the confidence is 0.10: {DOUBT}", advise_on_size(150, 180, 180, 150)
+    models = [Model("wedge", tmp_path / "wedge.off")]
+    advice = []
+    for warning, within, view in ((doubt, 30, (0, 10)), (doubt, 180, (0, 10)), (doubt, 30, None), (size, 30, (0, 10))):
+        request = PoseRequest(mesh="wedge.off", initial=view or (0, 10), within=within)
+        posed = PosedObject(AnnotatedObject(1, "a.png", None, view), {"warning": warning})
+        assert pose._status([posed], request, models) == 0
+        said = capsys.readouterr().err
+        advice.append([said.find(option) for option in ("--within", "--up y")])
+    assert 0 < advice[0][0] < advice[0][1]
+    assert [[place > 0 for place in places] for places in advice[1:]] == [[False, True], [False, True], [False, False]]
 
 
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:

@@ -23,7 +23,7 @@ from ...jobs.worker import cores, local_path
 from ...pose import estimate_pose
 from ...pose.crop import apply_mask
 from ...pose.lens import Lens, choose_lens, join_distortion
-from ...pose.result import pose_figures
+from ...pose.result import DOUBT, pose_figures
 from ...render.mesh import Y_UP, axes
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
 from ...requests.pose import FROM_FILE, UNKNOWN, PoseRequest
@@ -37,7 +37,6 @@ from ..results.pose_page import pose_page
 from ..results.pose_pictures import join_pictures, joined_shape
 from ..terminal import counter, inform, print_table, say_page
 
-AXES_HINT = "; if y points up in the file of the model, use --up y --front=+z"
 _NO_PART_OF_A_RESULT: dict[str, Any] = {"mesh": None, "mask": None, "annotations": None, "least_confidence": 0.0}
 """Fields of a request that do not change a stored result: the content of files counts, not their names."""
 
@@ -77,8 +76,7 @@ def pose(arguments: Namespace) -> int:
     if positions := position_rows(posed):
         print_table(positions)
     say_page(folder / "index.html")
-    z_up = request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}
-    return _status(posed, least, AXES_HINT if z_up else "")
+    return _status(posed, request, models)
 
 
 def _read_camera(request: PoseRequest) -> PoseRequest:
@@ -142,12 +140,13 @@ def _check(models: list[Model], ignored: list[str]) -> tuple[Model, ...]:
     return tuple(readable)
 
 
-def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> int:
-    """The exit status; says how many poses are more likely wrong than right, with advice, and how many are refused."""
-    warnings = [one.figures["warning"] for one in posed if one.figures.get("warning") is not None]
-    if warnings:
-        of_all = "" if len(posed) == 1 else f"{len(warnings)} of {len(posed)} objects; the first: "
-        inform(f"nablahog pose: warning: {of_all}{warnings[0]}{advice}")
+def _status(posed: list[PosedObject], request: PoseRequest, models: list[Model]) -> int:
+    """The exit status; says how many poses are doubtful, with advice on the first, and how many are refused."""
+    doubtful = [one for one in posed if one.figures.get("warning") is not None]
+    if doubtful:
+        of_all = "" if len(posed) == 1 else f"{len(doubtful)} of {len(posed)} objects; the first: "
+        inform(f"nablahog pose: warning: {of_all}{_explain_warning(doubtful[0], request, models)}")
+    least_confidence = request.least_confidence
     refused = sum(one.refused for one in posed)
     if refused:
         which = "the pose" if len(posed) == 1 else f"{refused} of {len(posed)} poses"
@@ -158,6 +157,22 @@ def _status(posed: list[PosedObject], least_confidence: float, advice: str) -> i
     if not all(one.figures for one in posed):
         return SOME_SKIPPED
     return REFUSED if refused else 0
+
+
+def _explain_warning(doubtful: PosedObject, request: PoseRequest, models: list[Model]) -> str:
+    """The warning of a pose; if it is more likely wrong than right, with what to change, the likeliest cause first."""
+    warning: str = doubtful.figures["warning"]
+    if not warning.endswith(DOUBT):  # it is about the camera
+        return warning
+    parts = [warning]
+    if doubtful.listed.view is not None and request.within < 180:
+        initial = "--init" if request.annotations is None else "the azimuth in --annotations"
+        parts.append(
+            f"only azimuths within {request.within:g}° of {initial} were searched: check it, or widen --within"
+        )
+    if request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}:
+        parts.append("if y points up in the file of the model, use --up y --front=+z")
+    return "; ".join(parts)
 
 
 def _named(one: PosedObject) -> str:
