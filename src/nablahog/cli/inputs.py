@@ -26,7 +26,7 @@ from ..requests.dialect import Dialect
 from ..requests.inversion import LONGER_SIDE, GlyphRequest, HogRequest
 from ..requests.options import words
 from ..requests.sources import STDIN, Source, from_photo, from_stored
-from ..requests.templates import OPENCV_ENDINGS, read_templates
+from ..requests.templates import OPENCV_ENDINGS, is_opencv_file, read_templates
 from ..runtime.extras import extra
 from ..runtime.groups import split_by_weight
 from ..runtime.text import counted
@@ -268,10 +268,14 @@ class _Reader:
         except ValueError as error:
             if not isinstance(request, GlyphRequest) or file.ending in image_endings():
                 raise
+            if is_opencv_file(file):
+                raise ValueError(
+                    f"{file}: expected a photograph or descriptor; `nablahog invert --template` reads what OpenCV's "
+                    "HOGDescriptor saved"
+                ) from None
             raise ValueError(
                 f"{error}; arrays are read from .npy, .npz and .mat files (of a table of numbers, numpy.save('m.npy', "
-                "numpy.loadtxt('m.csv', delimiter=',')) writes one), with --template also what OpenCV's HOGDescriptor "
-                "saved (.yml, .xml, .json)"
+                "numpy.loadtxt('m.csv', delimiter=',')) writes one)"
             ) from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE

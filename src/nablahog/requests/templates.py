@@ -34,7 +34,7 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
     """
     file = input_file(path)
     file.check("the weights of a detector")
-    if file.name.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS):
+    if is_opencv_file(file):
         return [_from_opencv(file)]
     refuse_pickle(file)
     if not is_raw(file):
@@ -52,6 +52,11 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
     array = read_array(file, request.key)
     with naming(file), suggesting(array, request):
         return [_from_array(file.name, array, request)]
+
+
+def is_opencv_file(file: InputFile) -> bool:
+    """Whether the name is that of a file which ``cv2.HOGDescriptor.save`` writes."""
+    return file.name.lower().removesuffix(".gz").endswith(OPENCV_ENDINGS)
 
 
 def _from_opencv(file: InputFile) -> Source:

@@ -113,6 +113,10 @@ def test_detectors_without_the_option(
     for detector in (people, str(written(tmp_path / "toy.mat"))):
         refused("invert", detector, *out, "--preset", "opencv", message="--template")
     refused("invert", str(tmp_path / "no.mat"), *out, "--template", message="no such file")
+    saved = str(tmp_path / "saved.yml.gz")
+    HOGDescriptor().save(saved)
+    for command in ("invert", "glyph"):
+        refused(command, saved, *out, message=f"{saved}: expected a photograph or descriptor; `nablahog invert --temp")
     weights = str(tmp_path / "weights.npy")
     np.save(weights, np.load(people)[:-1])
     assert main(["invert", weights, *out, "--preset", "opencv", "--quality", "fast"]) == 0
