@@ -41,6 +41,7 @@ def problem(spec: HOGSpec, xi: float = 0.5) -> tuple[PublishedObjective, Tensor,
     )
 
 
+@pytest.mark.filterwarnings("ignore:images of floats:UserWarning")  # points of a search may be negative
 def test_the_value_is_equation_9_squared() -> None:
     spec, xi = presets.paper(), 0.3
     objective, points, index = problem(spec, xi)

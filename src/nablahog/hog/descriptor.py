@@ -150,7 +150,7 @@ class HOG(nn.Module):
     """:func:`hog` with its spec and layout, as a module to put into a network.  It has no parameters.
 
     >>> describe = nablahog.HOG(nablahog.presets.paper())
-    >>> network = torch.nn.Sequential(torch.nn.Conv2d(3, 1, 3, padding=1), describe)
+    >>> network = torch.nn.Sequential(torch.nn.Conv2d(3, 1, 3, padding=1), torch.nn.Sigmoid(), describe)
     >>> network(torch.rand(1, 3, 32, 32)).shape
     torch.Size([1, 4, 4, 9])
     """
