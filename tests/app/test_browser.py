@@ -133,6 +133,14 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "broken.png"))
     page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
     refused_and_expected(page)
+    for names, words in ((["a.png", "b.png"], "got 2"), (["h.yml"], "--template"), (["cam.json"], "Calibrated camera")):
+        page.read(
+            "(() => { const dropped = new DataTransfer();"
+            f"for (const name of {names}) dropped.items.add(new File(['x'], name));"
+            "document.dispatchEvent(new DragEvent('drop', { dataTransfer: dropped, cancelable: true })); })()"
+        )
+        page.until(f"document.querySelector('#alert').textContent.includes('{words}')")
+    assert len(page.complaints()) == 3  # the page tells the console, too
 
 
 @in_a_browser

@@ -12,6 +12,11 @@ import * as question from "./question.js";
  *   parts: import("./types.js").Named[], decided?: string}} DescriptorSource id: of the part that is looked at
  */
 
+/** @type {[RegExp, string][]} files of other kinds, and where they are read */
+const ELSEWHERE = [
+  [/\.(ya?ml|xml)$/i, "expected a photograph, an array or a mesh. A detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results"],
+  [/\.json$/i, "expected a photograph, an array or a mesh. A camera's file is opened in Fit, under “Calibrated camera”; a detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results"],
+];
 const ARRAYS = /\.(npy|npz|mat)$/i;
 const MESHES = /\.(off|obj|ply|stl|glb|gltf)$/i;
 
@@ -163,10 +168,9 @@ export class SourceChooser extends EventTarget {
       input.value = "";
     });
     document.addEventListener("paste", (event) => {
-      const file = event.clipboardData?.files[0];
-      if (!file) return;
+      if (!event.clipboardData?.files.length) return;
       event.preventDefault();
-      this.open(file);
+      this.#openOne(event.clipboardData.files);
     });
     let depth = 0;
     const over = (/** @type {number} */ now) => {
@@ -179,8 +183,7 @@ export class SourceChooser extends EventTarget {
     document.addEventListener("drop", (event) => {
       event.preventDefault();
       over(0);
-      const file = event.dataTransfer?.files[0];
-      if (file) this.open(file);
+      if (event.dataTransfer?.files.length) this.#openOne(event.dataTransfer.files);
     });
     element("part", HTMLSelectElement).addEventListener("change", (event) => {
       if (this.value?.kind !== "descriptor" || !(event.target instanceof HTMLSelectElement)) return;
@@ -188,9 +191,24 @@ export class SourceChooser extends EventTarget {
     });
   }
 
+  /** @param {FileList} files that were dropped or pasted: one is opened, more are refused */
+  #openOne(files) {
+    const [file] = files;
+    if (files.length > 1) {
+      showError(`Expected one file, got ${files.length}: open one at a time. The command takes many: nablahog invert FOLDER -o results`);
+    } else if (file) {
+      this.open(file);
+    }
+  }
+
   /** @param {File} file a photograph, an array or a mesh */
   open(file) {
     question.close();
+    const elsewhere = ELSEWHERE.find(([names]) => names.test(file.name));
+    if (elsewhere) {
+      showError(`${file.name}: ${elsewhere[1]}`);
+      return;
+    }
     const most = this.about.limits.upload_bytes;
     if (file.size > most) {
       showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the limit is ${Math.floor(most / 1e6)} MB: choose a smaller file.`));
