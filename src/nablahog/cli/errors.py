@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ..requests.inversion import GlyphRequest, InvertRequest
 from ..requests.options import list_options, words
 from ..requests.pose import PoseRequest
-from ..runtime.errors import InputError
+from ..runtime.errors import InputError, explain
 from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def name_options(sentence: str) -> str:
 def word_error(error: Exception) -> str:
     """The sentence of an error, with the options that help."""
     if not isinstance(error, InputError):
-        return name_options(str(error))
+        return name_options(explain(error))
     if error.facts.get("weights") and error.about == "preset":
         return f"{error}, and many entries are negative, as in the weights of a detector: expected --template"
     suggestions = error.facts.get("fitting", [])

@@ -17,6 +17,7 @@ from ..io.arrays import naming
 from ..io.dataset_manifest import ImageState
 from ..io.files import local_name, natural_order
 from ..io.images import image_endings
+from ..runtime.errors import explain
 from ..runtime.text import decode_text
 from .inputs import expand, tell_of_subfolders
 
@@ -77,7 +78,8 @@ def _read_lines(name: str) -> list[str]:
     try:
         lines = [line.strip() for line in decode_text(Path(name).read_bytes()).splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{name}: expected a list of images, one per line: {error}") from None
+        reason = explain(error).removeprefix(f"{name}: ")
+        raise ValueError(f"{name}: expected a list of images, one per line: {reason}") from None
     lines = [line[1:-1] if len(line) > 1 and line[0] == line[-1] == '"' else line for line in lines]
     return [line for line in lines if line and not (line.startswith("#") and not os.path.exists(line))]
 

@@ -19,6 +19,7 @@ from torch.nn import functional
 
 from ..inputs.cameras import LONGEST, SHORTEST
 from ..inputs.pil_images import has_8_bits, pixel_values, tiff_tags
+from ..runtime.errors import explain
 from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
@@ -95,7 +96,8 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
-            raise ValueError(f"{file}: the image cannot be read: {one_line(error)}; save or copy it again") from None
+            reason = one_line(explain(error).removeprefix(f"{file}: "))
+            raise ValueError(f"{file}: the image cannot be read: {reason}; save or copy it again") from None
 
 
 def longer_side(path: Readable) -> int:

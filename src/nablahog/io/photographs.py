@@ -10,6 +10,7 @@ from pathlib import Path
 from torch import Tensor
 
 from ..hog.gradient import gray
+from ..runtime.errors import explain
 from ..runtime.text import to_unicode
 from .files import check_folder
 from .images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_photograph
@@ -56,7 +57,7 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
         try:
             result.images[name] = _prepared(read_image(path, size), 0)
         except (OSError, ValueError) as error:
-            result.failed[name] = str(error).removeprefix(f"{path}: ")
+            result.failed[name] = explain(error).removeprefix(f"{path}: ")
     return result
 
 

@@ -13,6 +13,7 @@ from ..io.descriptor_dataset import Row, write_shard
 from ..io.descriptor_file import StoredDescriptor
 from ..io.images import read_image
 from ..io.input_file import InputFile
+from ..runtime.errors import explain
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class ShardJob:
             descriptor = describe(image[None], self.spec)[0].float()
             return Row(path, StoredDescriptor(descriptor, self.spec, (image.shape[1], image.shape[2])))
         except (ValueError, OSError) as error:
-            return Row(path, None, " ".join(str(error).removeprefix(f"{path}: ").split()))
+            return Row(path, None, " ".join(explain(error).removeprefix(f"{path}: ").split()))
 
 
 def _read(path: str, size: int) -> Tensor:

@@ -19,6 +19,8 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Protocol, TypeVar
 
+from ..runtime.errors import explain
+
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)
 
@@ -59,7 +61,7 @@ def attempt(job: Work[R]) -> R | str:
 
 
 def _join_lines(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return " ".join(explain(error).split())
 
 
 def attempt_or_stop(job: Work[R]) -> R | str:

@@ -16,6 +16,7 @@ from ..inputs.boxes import Box
 from ..io.images import read_image
 from ..io.lists import ANGLES, BOUNDS, SIDES, AnnotatedObject, ListEntry, read_csv, read_object
 from ..render.models import Model
+from ..runtime.errors import explain
 from ..runtime.text import one_line
 
 Floats = NDArray[np.float64]
@@ -101,7 +102,7 @@ def _image(row: ListEntry, folder: Path) -> Tensor:
     try:
         return read_image(folder / row.text("image"))
     except (OSError, ValueError) as error:
-        raise row.error("image", one_line(error)) from None
+        raise row.error("image", one_line(explain(error))) from None
 
 
 def _example(row: ListEntry, annotated: AnnotatedObject, image: Tensor) -> Example:

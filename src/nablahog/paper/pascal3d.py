@@ -21,6 +21,7 @@ from torch.nn import functional
 from ..inputs.boxes import Box
 from ..io.images import read_image
 from ..io.matfile import read_mat
+from ..runtime.errors import explain
 from ..runtime.text import counted, one_line
 from .annotations import Example
 from .voc import check_voc, half_open, read_annotation, read_image_ids
@@ -199,7 +200,7 @@ def _select(voc: Path, records: Path, category: str, image_id: str, result: Sele
                 if record.coarse:
                     result.coarse.add(name)
     except (OSError, ValueError) as error:
-        result.failed[image_id] = str(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
+        result.failed[image_id] = explain(error).replace(f"{voc}{os.sep}", "").replace(f"{records}{os.sep}", "")
         return
     result.objects += objects
     result.left_out.update(listed.flaw for _, listed in numbered if listed.flaw is not None)

@@ -15,6 +15,7 @@ from numpy.typing import DTypeLike
 
 from ..io.arrays import check_format, naming, read_arrays, read_text, write_arrays
 from ..io.files import check_folder
+from ..runtime.errors import explain
 from ..runtime.text import to_unicode
 from .mesh import Mesh, load_mesh
 from .mesh_file import ENDINGS
@@ -144,7 +145,7 @@ def check_models(
         try:
             model.mesh()
         except (OSError, ValueError) as error:
-            failed[model.name] = str(error).removeprefix(f"{model.file}: ")
+            failed[model.name] = explain(error).removeprefix(f"{model.file}: ")
         progress(number, len(models), f"reading {model.name}")
     readable = [model for model in models if model.name not in failed]
     if not readable:

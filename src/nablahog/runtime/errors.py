@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any, Literal
 
 Topic = Literal["array", "descriptor", "image size", "preset"]
+
+
+def explain(error: Exception) -> str:
+    """The sentence of an error; of one of the system, the file and the reason, without its number."""
+    if not isinstance(error, OSError) or error.strerror is None or type(error).__str__ is not OSError.__str__:
+        return str(error)
+    reason, file = error.strerror[:1].lower() + error.strerror[1:], error.filename
+    return reason if file is None else f"{os.fsdecode(file) if isinstance(file, bytes) else file}: {reason}"
 
 
 class InputError(ValueError):

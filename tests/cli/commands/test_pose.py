@@ -215,6 +215,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("--up must be one of 'x', 'y', 'z'", 2, up="up")
     check("got 'z' and '-z'", up="z", front="-z")
     check("models/bad.off: ", mesh=Path(folder, "bad.off"))
+    check(f"error: {folder}/no.obj: no such file", mesh=Path(folder, "no.obj"))
     check("whose EXIF data has one", focal="exif")
     check("--principal-point needs a known focal length", **{"principal-point": "80,70"})
     check("--distortion needs a known focal length", distortion="0.1,0,0,0")
