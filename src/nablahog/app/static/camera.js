@@ -2,7 +2,7 @@
 
 import { postFile } from "./api.js";
 import { element, numberOf } from "./dom.js";
-import { LatestRequest } from "./progress.js";
+import { clearError, LatestRequest } from "./progress.js";
 
 export class CameraInput {
   #focal = element("focal", HTMLInputElement);
@@ -66,6 +66,7 @@ export class CameraInput {
     const camera = await this.#newest.run(`Reading ${file.name}`, (signal) => postFile("api/cameras", query, file, signal));
     this.#file.value = "";  // so that the same file can be chosen again
     if (!camera) return;
+    clearError();
     this.#intrinsics.value = camera.intrinsics.join(", ");
     this.#distortion.value = camera.distortion?.join(", ") ?? "";
     this.#explain();

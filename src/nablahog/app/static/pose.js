@@ -9,7 +9,10 @@ const NAMES = ["azimuth", "elevation", "distance", "theta", "x", "y"];
 const RANGES = [[0, 360, 0.5], [-90, 90, 0.5], [1, 10, 0.01], [-180, 180, 0.5], [-64, 64, 0.25], [-64, 64, 0.25]];
 const UNITS = ["degrees", "degrees", "diagonals", "degrees", "pixels of the crop, to the right", "pixels of the crop, down"];
 
-const ABOUT = { x: "pixels of the photograph, to the right", y: "pixels of the photograph, down",
+const FILE_UNITS = "position in the units of the mesh's file";
+const ABOUT = { azimuth: "degrees", elevation: "degrees", theta: "degrees", distance: "diagonals of the model",
+  x: "pixels of the photograph, from its middle to the right", y: "pixels of the photograph, from its middle down",
+  [FILE_UNITS]: "x, y, z: right, down and forward from the camera",
   similarity: "of smaller cells than the one beside the sliders" };
 
 /** @param {number} angle */
@@ -41,7 +44,7 @@ export function poseTables(result) {
   const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
   /** @type {HTMLElement[]} */
   const nodes = [table("The pose in the photograph", ["Figure", "Value"], [
-    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]), ["focal length", focal],
+    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]), ...from === "assumed" ? [] : [[FILE_UNITS, result.position.map((/** @type {number} */ value) => figure(value, 3)).join(", ")]], ["focal length", focal],
     ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1], ABOUT)];
   const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
   nodes.push(make("p", { class: "note" }, `${same}${confidence === null
