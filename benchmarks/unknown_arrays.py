@@ -73,13 +73,19 @@ def describe(photograph: NDArray[np.uint8], size: tuple[int, int], spec: HOGSpec
 
 
 def known(parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """All presets, with the size of cells, if the parameters have one: no array tells it."""
+    """All presets that can have cells of the size of the parameters, with that size: no array tells it."""
     cells = {key: value for key, value in parameters.items() if key == "cell_size"}
-    return {
-        name: cells
-        for name in presets.__all__
-        if not cells or inspect.signature(getattr(presets, name)).parameters.get("cell_size")
-    }
+    return {name: cells for name in presets.__all__ if _is_possible(name, cells)}
+
+
+def _is_possible(name: str, parameters: Mapping[str, Any]) -> bool:
+    if not parameters.keys() <= inspect.signature(getattr(presets, name)).parameters.keys():
+        return False
+    try:
+        getattr(presets, name)(**parameters)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def judge(array: NDArray[np.floating], name: str, parameters: dict[str, Any], size: tuple[int, int]) -> str:
