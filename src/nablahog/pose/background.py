@@ -26,7 +26,7 @@ from .whitening import Background, check_spec
 
 STORED_BACKGROUNDS = Path(__file__).with_name("default_backgrounds")  # see its README.md
 SCALE_STEP = 2**-0.5  # between two scales of a photograph
-SAVED = 10  # images between two checkpoints: half a minute
+SAVED = 10  # images between two checkpoints
 ORDER = 9  # the largest offset in cells of a background: for templates of up to 10x10
 RING_CELLS = 1  # cells next to the border of an image, which are unlike all others
 COARSE_CELL, FINE_CELL = 8, 4  # pixels of a cell; the fine ones tell poses apart that are half as far from each other

@@ -42,9 +42,11 @@ export function poseTables(result) {
   const measured = (name, digits) =>
     figure(result[name], digits) + (deviations[name] == null ? "" : ` ± ${figure(deviations[name], digits)}`);
   const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
+  const position = result.position.map((/** @type {number} */ value) => figure(value, 3)).join(", ");
   /** @type {HTMLElement[]} */
   const nodes = [table("The pose in the photograph", ["Figure", "Value"], [
-    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]), ...from === "assumed" ? [] : [[FILE_UNITS, result.position.map((/** @type {number} */ value) => figure(value, 3)).join(", ")]], ["focal length", focal],
+    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]),
+    ...from === "assumed" ? [] : [[FILE_UNITS, position]], ["focal length", focal],
     ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1], ABOUT)];
   const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
   nodes.push(make("p", { class: "note" }, `${same}${confidence === null

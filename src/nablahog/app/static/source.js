@@ -12,10 +12,11 @@ import * as question from "./question.js";
  *   parts: import("./types.js").Named[], decided?: string}} DescriptorSource id: of the part that is looked at
  */
 
+const SAVED_DETECTOR = "a detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results";
 /** @type {[RegExp, string][]} files of other kinds, and where they are read */
-const ELSEWHERE = [
-  [/\.(ya?ml|xml)$/i, "expected a photograph, an array or a mesh. A detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results"],
-  [/\.json$/i, "expected a photograph, an array or a mesh. A camera's file is opened in Fit, under “Calibrated camera”; a detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results"],
+const READ_ELSEWHERE = [
+  [/\.(ya?ml|xml)$/i, SAVED_DETECTOR],
+  [/\.json$/i, `a camera's file is opened in Fit, under “Calibrated camera”; ${SAVED_DETECTOR}`],
 ];
 const ARRAYS = /\.(npy|npz|mat)$/i;
 const MESHES = /\.(off|obj|ply|stl|glb|gltf)$/i;
@@ -204,9 +205,9 @@ export class SourceChooser extends EventTarget {
   /** @param {File} file a photograph, an array or a mesh */
   open(file) {
     question.close();
-    const elsewhere = ELSEWHERE.find(([names]) => names.test(file.name));
-    if (elsewhere) {
-      showError(`${file.name}: ${elsewhere[1]}`);
+    const [, where] = READ_ELSEWHERE.find(([names]) => names.test(file.name)) ?? [];
+    if (where) {
+      showError(`${file.name}: expected a photograph, an array or a mesh; ${where}`);
       return;
     }
     const most = this.about.limits.upload_bytes;

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 LEAST_VOTES = 2.0  # times ε: the length of a block that is not flat
-CLIPPED_SHARE = 0.1  # of blocks, from which on clipped entries say something: by chance some 3 % look clipped
+CLIPPED_SHARE = 0.1  # of blocks, from which on clipped entries say something: a few look clipped by chance
 
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 

@@ -47,7 +47,7 @@ STEP_WINDOWS = 400  # windows
 TRAINING_WINDOWS = 1_000_000
 SWEEPS = 10  # of coordinate descent for the codes of a batch; with 1,000 the objective is as low
 REPORTED = 100  # iterations between two reports of the objective
-SAVED = 20  # iterations between two checkpoints: half a minute
+SAVED = 20  # iterations between two checkpoints
 
 
 def learn_hoggles(
