@@ -15,18 +15,20 @@ SHOWN = "a\\x1b[31m\\x9b\\u202eb.png"
 
 def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(terminal, "FIRST_LINE", 10.0)
-    times = iter([0.0, 1.0, 9.0, 121.0, 130.0, 181.0, 242.0, 303.0])
+    times = iter([0.0, 1.0, 9.0, 121.0, 130.0, 181.0, 242.0, 303.0, 364.0])
     monkeypatch.setattr(terminal.time, "monotonic", lambda: next(times))
-    with terminal.counter("nablahog x") as progress:
+    with terminal.counter("nablahog x", "images") as progress:
         for done in (10, 11, 20, 21, 30):
             progress(done, 50, "a, b")
         progress(31, 50, "")
+        progress(46, 50, "")
         progress(50, 50, "the page")
     assert capsys.readouterr().err.splitlines() == [
-        "nablahog x: 20 of 50 done, about 6 min left, at a, b",  # ten took two minutes; an earlier run did the others
-        "nablahog x: 30 of 50 done, about 3 min left, at a, b",
-        "nablahog x: 31 of 50 done, about 4 min left",
-        "nablahog x: 50 of 50 done, at the page",
+        "nablahog x: 20 of 50 images done, about 6 min left (a, b)",  # ten took two minutes, those before another run
+        "nablahog x: 30 of 50 images done, about 3 min left (a, b)",
+        "nablahog x: 31 of 50 images done, about 4 min left",
+        "nablahog x: 46 of 50 images done, less than a minute left",
+        "nablahog x: 50 of 50 images done (the page)",
     ]
 
 
@@ -37,7 +39,7 @@ def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], m
     assert printed.out.count(SHOWN) == 2
     assert printed.out.replace("\n", "").isprintable()
     monkeypatch.setattr(terminal, "Console", partial(Console, force_terminal=True, width=100))
-    with terminal.counter("x") as progress:
+    with terminal.counter("x", "images") as progress:
         progress(1, 2, NAME)
     printed = capsys.readouterr()
     assert SHOWN in printed.err

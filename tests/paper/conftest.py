@@ -11,5 +11,5 @@ from .common import run_in_this_process
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Runs jobs in this process, and lists the methods of those that were begun."""
     begun: list[str] = []
-    run_in_this_process(monkeypatch, lambda job: begun.append(job.name))
+    run_in_this_process(monkeypatch, lambda job: begun.append(job.folder))
     return begun

@@ -39,16 +39,20 @@ class Counter(Protocol):
 
 
 @contextmanager
-def counter(name: str) -> Iterator[Counter]:
-    """Shows the progress of many items: a bar on a terminal; elsewhere a line after ten seconds, then every minute."""
+def counter(name: str, items: str) -> Iterator[Counter]:
+    """Shows the progress of many items: a bar on a terminal; elsewhere a line after ten seconds, then every minute.
+
+    ``name`` is that of the command, ``items`` the plural of what it counts.
+    """
     console = Console(stderr=True)
     if _quiet:
         yield lambda done, total, what: None
         return
     if not console.is_terminal:
-        yield _Lines(name)
+        yield _Lines(name, items)
         return
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    done_of_all = (BarColumn(), MofNCompleteColumn(), TextColumn(items))
+    columns = (*done_of_all, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     at_work = TextColumn("{task.description}", markup=False)
     steady = 600  # seconds over which the time left is estimated: items take long, some longer than others
     with Progress(*columns, at_work, console=console, transient=True, speed_estimate_period=steady) as bars:
@@ -59,8 +63,8 @@ def counter(name: str) -> Iterator[Counter]:
 class _Lines:
     """A line on stderr after :data:`FIRST_LINE` seconds, then every :data:`LINE_INTERVAL` seconds."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, items: str) -> None:
+        self.name, self.items = name, items
         self.began = time.monotonic()
         self.next_line = self.began + FIRST_LINE
         self.before: int | None = None  # done in an earlier run
@@ -72,10 +76,15 @@ class _Lines:
         if now >= self.next_line and done > self.before:
             self.next_line = now + LINE_INTERVAL
             left = (now - self.began) / (done - self.before) * (total - done)
-            remaining = f"about {max(1, round(left / 60))} min left" if done < total else ""
-            at_work = f"at {printable(what)}" if what else ""
-            parts = [f"{self.name}: {done} of {total} done", remaining, at_work]
-            print(", ".join(filter(None, parts)), file=sys.stderr)
+            remaining = f", {_say_left(left)} left" if done < total else ""
+            at_work = f" ({printable(what)})" if what else ""
+            print(f"{self.name}: {done:,} of {total:,} {self.items} done{remaining}{at_work}", file=sys.stderr)
+
+
+def _say_left(seconds: float) -> str:
+    if seconds < 60:
+        return "less than a minute"
+    return f"about {round(seconds / 60)} min" if seconds < 6000 else f"about {round(seconds / 3600)} hours"
 
 
 def say(text: str) -> None:

@@ -38,8 +38,8 @@ class Job(Work[JobResult], Protocol):
     """Work of one method, whose result is stored."""
 
     @property
-    def name(self) -> str:
-        """The name of the method."""
+    def folder(self) -> str:
+        """The name of the folder of its stored result: that of the method."""
 
     def key(self) -> str:
         """A hash of everything the result depends on, including its code (:func:`nablahog.runtime.cache.code_key`)."""
@@ -90,6 +90,7 @@ def do_all(
     jobs: Mapping[Name, Job],
     *,
     workers: int,
+    label: Callable[[Name], str],
     cluster: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, at_work: None,
 ) -> Iterator[tuple[Name, JobResult | str]]:
@@ -97,24 +98,29 @@ def do_all(
 
     Each result is stored in ``folder/work`` at once, under a hash of everything it depends on.  An interrupted run is
     resumed; a run with other settings starts anew in the same folder.  ``progress`` is called with the number of jobs
-    done, their total, and the names of the methods at work.  Further arguments and errors are those of
-    :func:`.runner.run_jobs`.
+    done, their total, and the ``label`` of the job that is at work the longest.  Further arguments and errors are those
+    of :func:`.runner.run_jobs`.
 
     Raises:
         OSError: a result cannot be stored.
     """
     results = folder / "work"
-    for written_to in (folder, *(results / method for method in dict.fromkeys(job.name for job in jobs.values()))):
+    for written_to in (folder, *(results / method for method in dict.fromkeys(job.folder for job in jobs.values()))):
         remove_parts(written_to)
-    paths = {name: results / job.name / f"{job.key()}.npz" for name, job in jobs.items()}
-    reasons = _do_missing({paths[name]: job for name, job in jobs.items()}, workers, cluster, progress)
+    paths = {name: results / job.folder / f"{job.key()}.npz" for name, job in jobs.items()}
+    labels = {path: label(name) for name, path in paths.items()}
+    reasons = _do_missing({paths[name]: job for name, job in jobs.items()}, labels, workers, cluster, progress)
     for name, job in jobs.items():
         result = load(paths[name], job)
         yield name, reasons.get(paths[name], "its stored result has vanished") if result is None else result
 
 
 def _do_missing(
-    jobs: Mapping[Path, Job], workers: int, cluster: str | None, progress: Callable[[int, int, str], None]
+    jobs: Mapping[Path, Job],
+    labels: Mapping[Path, str],
+    workers: int,
+    cluster: str | None,
+    progress: Callable[[int, int, str], None],
 ) -> dict[Path, str]:
     """Does the jobs without a valid result at their path; returns why jobs failed."""
     missing = [path for path, job in jobs.items() if load(path, job) is None]
@@ -122,10 +128,11 @@ def _do_missing(
     done = len(jobs) - len(missing)
 
     def report() -> None:
-        progress(done, len(jobs), ", ".join(dict.fromkeys(at_work.values())))
+        first = next(iter(at_work.values()), "")
+        progress(done, len(jobs), f"{first} and {len(at_work) - 1} more" if len(at_work) > 1 else first)
 
     def started(index: int) -> None:
-        at_work[index] = jobs[missing[index]].name
+        at_work[index] = labels[missing[index]]
         report()
 
     reasons = {}

@@ -36,7 +36,7 @@ class ReconstructionJob:
     settings: Table1Settings
 
     @property
-    def name(self) -> str:
+    def folder(self) -> str:
         return self.method.name
 
     def key(self) -> str:

@@ -44,7 +44,7 @@ class PoseJob:
     settings: Table2Settings
 
     @property
-    def name(self) -> str:
+    def folder(self) -> str:
         return self.method.name
 
     def key(self) -> str:

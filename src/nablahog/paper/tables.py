@@ -86,7 +86,7 @@ def run(
     figures: dict[str, dict[str, Mapping[str, Any]]] = {row: {} for method_rows in rows.values() for row in method_rows}
     pictures: dict[str, dict[str, NDArray[np.uint8]]] = {row: {} for row in figures}
     seconds: dict[str, dict[str, float]] = {method: {} for method in rows}
-    for (image, method), result in do_all(folder, jobs, **options):
+    for (image, method), result in do_all(folder, jobs, label=", ".join, **options):
         if isinstance(result, str):
             failures.append(Failure(image, method, result))
             continue

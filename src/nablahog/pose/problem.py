@@ -61,7 +61,7 @@ class PoseProblem:
         for done, (name, model) in enumerate(self.models.items()):
             self.progress(done, len(self.models), name)
             yield name, model
-        self.progress(len(self.models), len(self.models), "the best views")
+        self.progress(len(self.models), len(self.models), "refining the best views")
 
     @cached_property
     def allowed(self) -> Tensor:

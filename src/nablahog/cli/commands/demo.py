@@ -38,7 +38,7 @@ REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and co
 def demo(arguments: Namespace) -> None:
     """Inverts a photograph from both descriptors; writes pictures, ``figures.json`` and ``index.html``."""
     photo = limit_size(sample_photograph("astronaut"), DEMO_SIZE)
-    with output_folder(arguments.output) as folder, counter("nablahog demo") as progress:
+    with output_folder(arguments.output) as folder, counter("nablahog demo", "evaluations") as progress:
         inversions = []
         for name in DESCRIPTORS:
             source = from_photo("astronaut", name, photo, PRESETS[name](), size=0)

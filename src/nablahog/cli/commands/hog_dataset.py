@@ -96,7 +96,7 @@ def _do(
 ) -> list[str]:
     """Writes the shards, after ``begin`` for each; returns why some could not be written."""
     reasons = []
-    with counter("nablahog hog") as progress:
+    with counter("nablahog hog", "images") as progress:
         progress(done, total, "")
         workers = arguments.workers or cores()
         with closing(run_jobs(jobs, workers=workers, cluster=arguments.cluster, started=begin)) as outcomes:

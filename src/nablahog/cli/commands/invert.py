@@ -112,7 +112,7 @@ def _in_batches(
 
     def run(indices: Sequence[int], about: str) -> Iterator[tuple[int, Inversion]]:
         batch = [sources[index] for index in indices]
-        with counter("nablahog invert") as progress:
+        with counter("nablahog invert", "evaluations") as progress:
             device, progress_of = torch.device(arguments.device), partial(progress, what=about)
             inversions = invert_batch(batch, request, device=device, progress=progress_of)
         yield from zip(indices, inversions, strict=True)
@@ -134,8 +134,15 @@ def _on_cluster(
 ) -> Iterator[tuple[int, Inversion]]:
     """Inverts sources one by one, on a cluster; reads the results that an earlier run stored."""
     jobs = {index: InversionJob(source, request) for index, source in enumerate(sources)}
-    with counter("nablahog invert") as progress:
-        outcomes = do_all(Path(arguments.output), jobs, workers=1, cluster=arguments.cluster, progress=progress)
+    with counter("nablahog invert", "images") as progress:
+        outcomes = do_all(
+            Path(arguments.output),
+            jobs,
+            workers=1,
+            label=lambda index: sources[index].name,
+            cluster=arguments.cluster,
+            progress=progress,
+        )
         for index, outcome in outcomes:
             with skipping.guard(sources[index].path):
                 if isinstance(outcome, str):
@@ -192,7 +199,7 @@ class InversionJob:
     request: InvertRequest
 
     @property
-    def name(self) -> str:
+    def folder(self) -> str:
         """The name of its folder of stored results."""
         return "inversions"
 

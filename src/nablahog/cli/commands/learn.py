@@ -37,7 +37,7 @@ def learn(arguments: Namespace) -> None:
         for name, reason in photographs.failed.items():
             say(f"Skipped: {name}: {reason}")
         say_ignored(photographs.ignored)
-        with counter(f"nablahog {arguments.command}") as progress:
+        with counter(f"nablahog {arguments.command}", "steps") as progress:
             model = learner.learn_to(output, photographs.images, spec, progress, **options)
     say(f"{noun.capitalize()} in {output}: {model.summary}")
 

@@ -89,13 +89,15 @@ def _read_camera(request: PoseRequest) -> PoseRequest:
 
 def _run(folder: Path, jobs: list[ObjectJob], arguments: Namespace) -> list[JobResult | str]:
     """The result of each job, or why there is none; a single one is done in this process, and is not stored."""
-    with counter("nablahog pose") as progress:
-        if len(jobs) == 1:
+    if len(jobs) == 1:
+        with counter("nablahog pose", "models") as progress:
             return [jobs[0].run(progress)]
+    with counter("nablahog pose", "objects") as progress:
         missing = {k: f"{job.photo}: no such file" for k, job in enumerate(jobs) if not job.photo.is_file()}
         there = {k: job for k, job in enumerate(jobs) if k not in missing}
         workers = min(arguments.workers or cores(), max(len(there), 1))
-        done = dict(do_all(folder, there, workers=workers, progress=progress))
+        labels = {k: f"{job.listed.image}, object {job.listed.id}" for k, job in there.items()}
+        done = dict(do_all(folder, there, workers=workers, label=labels.__getitem__, progress=progress))
         return [missing[k] if k in missing else done[k] for k in range(len(jobs))]
 
 
@@ -133,7 +135,7 @@ def _models(request: PoseRequest) -> tuple[list[Model], list[str]]:
 
 def _check(models: list[Model], ignored: list[str]) -> tuple[Model, ...]:
     """The models that can be read, with progress; a line on stderr for each other, or ValueError if there is none."""
-    with counter("nablahog pose") as progress:
+    with counter("nablahog pose", "models") as progress:
         readable, failed = check_models(models, progress)
     for name, reason in (failed | dict.fromkeys(ignored, "its name does not end like that of a model")).items():
         inform(f"nablahog pose: skipped: {name}: {reason}")
@@ -190,7 +192,7 @@ class ObjectJob:
     models: tuple[Model, ...]
 
     @property
-    def name(self) -> str:
+    def folder(self) -> str:
         """The name of its folder of stored results."""
         return "poses"
 

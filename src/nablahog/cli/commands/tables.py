@@ -48,7 +48,7 @@ def table1(arguments: Namespace) -> None:
     with output_folder(arguments.output) as folder:
         settings = Table1Settings(arguments.seed, arguments.max_evaluations, files | _learn_missing(files, methods))
         remarks = table1_page.remarks(left_out, settings.learned, photographs)
-        with counter("nablahog table1") as progress:
+        with counter("nablahog table1", "results") as progress:
             workers = arguments.workers or cores()
             table = run_table1(
                 folder, photographs, methods, settings, workers=workers, cluster=arguments.cluster, progress=progress
@@ -74,7 +74,7 @@ def table2(arguments: Namespace) -> None:
         settings = Table2Settings(arguments.seed, folder / "exemplars")
         if arguments.cluster is not None:
             (folder / "exemplars").mkdir(exist_ok=True)  # so that workers see that they share the folder
-        with counter("nablahog table2") as progress:
+        with counter("nablahog table2", "results") as progress:
             table = run_table2(
                 folder,
                 examples,
@@ -122,7 +122,7 @@ def _learn_missing(files: Mapping[str, Path], methods: Sequence[ReconstructionMe
     """Learns, from bundled photographs, the files that methods need and no option gives."""
     learned = {}
     for kind in dict.fromkeys(kind for method in methods for kind in method.needs if kind not in files):
-        with counter(f"nablahog table1, learning {kind} (--methods without it skips this)") as progress:
+        with counter(f"nablahog table1, learning {kind} (--methods without it skips this)", "steps") as progress:
             learned[kind] = learned_from_samples(kind, progress)
     return learned
 
