@@ -98,10 +98,21 @@ def test_an_archive_of_several_arrays_is_asked_about(client: TestClient) -> None
     assert said["shape"] == [8, 6, 31]
 
 
-def test_a_template(client: TestClient) -> None:
-    weights = np.random.default_rng(0).standard_normal(3781).astype(np.float32)
-    said = client.post("/api/descriptors?name=svm.npy&as=template", content=_npy(weights)).json()
+@pytest.mark.parametrize("length", [3780, 3781])
+def test_the_weights_of_a_detector_are_asked_about_as_such(client: TestClient, length: int) -> None:
+    """With a bias after them or without: the first suggestion is OpenCV's people detector."""
+    weights = _npy(np.random.default_rng(0).standard_normal(length).astype(np.float32))
+    question = client.post("/api/descriptors?name=svm.npy", content=weights).json()["question"]
+    assert question["weights"]
+    query = {"name": "svm.npy", "as": "template", "preset": question["fitting"][0]["preset"]}
+    said = client.post("/api/descriptors", params=query, content=weights).json()
     assert (said["template"], said["preset"], said["image_size"]) == (True, "opencv", [128, 64])
+
+
+def test_an_array_that_is_not_finite_is_refused_without_a_question(client: TestClient) -> None:
+    answer = client.post("/api/descriptors?name=nan.npy", content=_npy(np.full(3780, np.nan, np.float32))).json()
+    assert "finite" in answer["error"]
+    assert "question" not in answer
 
 
 def test_a_mesh(client: TestClient) -> None:

@@ -23,7 +23,7 @@ from ..io.images import Picture, to_pil
 from ..requests.inversion import HogRequest, InvertRequest
 from ..requests.options import FLAG, TEXT, Kind, choice, integer, list_options, option
 from ..requests.pose import BOX, CAMERA_NUMBERS, DISTORTION, FOCAL, POINT, PoseRequest, Sides
-from ..runtime.errors import InputError
+from ..runtime.errors import InputError, explain
 from ..runtime.text import MOST_ERROR_CHARACTERS, did_you_mean, one_line
 from ..viz.pictures import cell_width, glyph_image
 
@@ -56,7 +56,7 @@ def as_request_error() -> Iterator[None]:
         sentence = f"{error}{_REMEDIES.get(error.about, '')}"
         raise RequestError(422, sentence, **_question(error.facts)) from None
     except (ValueError, TypeError, OSError) as error:
-        raise RequestError(422, str(error)) from None
+        raise RequestError(422, explain(error)) from None
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise
@@ -67,14 +67,15 @@ def _question(facts: Mapping[str, Any]) -> dict[str, Any]:
     """What the page asks about a file: which of its arrays, or of which preset that fits, the likeliest first."""
     if not facts:
         return {}
-    fitting = [preset.request for preset in facts.get("fitting", ()) if not preset.is_detector]
+    fitting = facts.get("fitting", ())
     return {
         "question": {
             "keys": facts.get("keys"),
             "shape": facts.get("shape"),
+            "weights": bool(facts.get("weights") or (fitting and fitting[0].is_detector)),
             "fitting": [
-                {"preset": asked.preset, "settings": asked.settings, "image_size": asked.image_size}
-                for asked in fitting
+                {name: getattr(preset.request, name) for name in ("preset", "settings", "image_size")}
+                for preset in fitting
             ],
         }
     }

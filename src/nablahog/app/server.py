@@ -23,6 +23,7 @@ from ..io.images import SAMPLE_NAMES, sample_photograph
 from ..render import Camera, pose, render, sample_chairs
 from ..render.camera import to_camera, to_screen
 from ..requests.options import integer
+from ..runtime.errors import explain
 from ..viz.html import TEMPLATES
 from . import see, store
 from .about import about
@@ -272,7 +273,7 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
-        reason = (error.strerror or str(error)).partition(" (while")[0]  # Python repeats the address
+        reason = explain(error).partition(" (while")[0]  # Python repeats the address
         free = "; --port 0 takes a free one" if error.errno == errno.EADDRINUSE else ""
         raise ValueError(f"cannot listen at {host}, port {port}: {reason}{free}") from None
     # asyncio does so only for sockets that name their protocol: the end of an answer would wait for 40 ms

@@ -57,7 +57,7 @@ def word_error(error: Exception) -> str:
 def _that_fit(suggestions: Sequence[Suggestion]) -> str:
     """What fits an array, as options."""
     if suggestions and suggestions[0].is_detector:
-        return f"; with --template, a detector's weights and bias would fit {_as_options(suggestions)}"
+        return f"; with --template, a detector's weights would fit {_as_options(suggestions)}"
     return f"; this fits {_as_options(suggestions)}" if suggestions else ""
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..hog import HOGSpec
 from ..hog.layout import native_shape
 from ..invert.candidates import fit_shape
-from ..invert.which import WhichHOG, which_hog
+from ..invert.which import which_hog
 from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
@@ -136,20 +136,22 @@ def fit_array(shape: tuple[int, ...], request: GlyphRequest) -> tuple[HOGSpec, F
 def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[None]:
     """Turns a ValueError of the block into an InputError with the requests that fit the array, as ``fitting``.
 
-    Its fact ``weights`` says whether the numbers may be the weights of a detector, and ``decided`` whether the checks
-    decide on what fits.
+    Nothing fits an array that is not finite: its error stays.  The fact ``weights`` says whether the numbers may be
+    those of a detector, and ``decided`` whether the checks decide on what fits.
     """
     try:
         yield
     except ValueError as error:
+        if not np.isfinite(array).all():
+            raise
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
         asked = request if about in ("image size", "preset") else replace(request, preset=None, settings={})
-        advice = advise(array, request) if np.isfinite(array).all() else None
+        advice = advise(array, request)
         fitting = [Suggestion(advice.request)] if advice else suggest(array, asked)
         facts = {
             "shape": array.shape,
             "fitting": fitting,
-            "weights": bool(np.mean(array < 0) > NEGATIVE),
+            "weights": _may_be_weights(array),
             "decided": advice is not None,
         }
         remark = advice.remark if advice else _remark_on_numbers(array, fitting)
@@ -158,33 +160,48 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
 
 def _remark_on_numbers(array: NDArray[np.floating], fitting: Sequence[Suggestion]) -> str:
     """Why the checks do not tell what an array is, if they know."""
-    if not np.isfinite(array).all():
-        return ""
     if not fitting:
         return "no preset with its usual parameters makes such an array: `settings` says other parameters"
     return which_hog(array).remark
 
 
+def _may_be_weights(array: NDArray[np.floating]) -> bool:
+    return bool(np.count_nonzero(array < 0) > NEGATIVE * array.size)
+
+
 @dataclass(frozen=True)
 class Suggestion:
-    """What to ask for, and whether the array is then a detector's weights, with a bias after them."""
+    """What to ask for, and whether the array is then a detector's weights, perhaps with a bias after them."""
 
     request: GlyphRequest
     is_detector: bool = False
 
 
 def suggest(array: NDArray[np.floating], request: GlyphRequest) -> list[Suggestion]:
-    """The requests that fit an array, the likeliest first; if there are none, those that fit a detector's weights."""
-    found = find_which(array, request) if np.isfinite(array).all() else WhichHOG(())
+    """The requests that fit an array, the likeliest first; if there are none, those that fit a detector's weights.
+
+    A row that many negative numbers show to be no descriptor is taken for such weights first.
+    """
+    if is_row(array.shape) and _may_be_weights(array):
+        detectors = _suggest_detectors((array.size, array.size - 1), request)
+        if detectors:
+            return detectors
+    found = find_which(array, request)
     if found.candidates:
         likely = found.candidates[: found.likely or MOST_SUGGESTED]
         return [Suggestion(each) for each in _distinct(complete(request, each, array.shape) for each in likely)]
-    if not is_row(array.shape):
-        return []
-    weights = fit_shape((array.size - 1,), request.image_size, known_dialects(request))
-    vectors = (each for each in weights if each.count == 1 and each.spec.layout.endswith("vector"))
-    asked = _distinct(complete(request, each, (array.size - 1,)) for each in vectors)
-    return [Suggestion(each, is_detector=True) for each in asked]
+    return _suggest_detectors((array.size - 1,), request) if is_row(array.shape) else []
+
+
+def _suggest_detectors(lengths: Iterable[int], request: GlyphRequest) -> list[Suggestion]:
+    """The requests that fit so many weights of a detector: of these numbers, the first that any fit."""
+    for length in lengths:
+        candidates = fit_shape((length,), request.image_size, known_dialects(request))
+        vectors = (each for each in candidates if each.count == 1 and each.spec.layout.endswith("vector"))
+        asked = _distinct(complete(request, each, (length,)) for each in vectors)
+        if asked:
+            return [Suggestion(each, is_detector=True) for each in asked]
+    return []
 
 
 def _distinct(requests: Iterable[GlyphRequest]) -> list[GlyphRequest]:

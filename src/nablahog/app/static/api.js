@@ -1,6 +1,16 @@
 /** Requests to the server. */
 
 const token = new URLSearchParams(location.search).get("token");
+/** Names of fields whose controls are called otherwise. @type {{[name: string]: string}} */
+const LABELS = { settings: "Parameters", focal: "Focal length" };
+
+/**
+ * A sentence of the server with the labels of controls for the fields that it names, in backticks.
+ *
+ * @param {string} sentence
+ */
+const nameControls = (sentence) => sentence.replaceAll(/`([a-z])(\w*)`/g, (_, first, rest) =>
+  `“${LABELS[first + rest] ?? first.toUpperCase() + rest.replaceAll("_", " ")}”`);
 
 /** An answer that is an error, with the server's sentence. */
 export class ServerError extends Error {
@@ -10,7 +20,7 @@ export class ServerError extends Error {
    * @param {any} answer
    */
   constructor(status, sentence, answer = null) {
-    super(sentence);
+    super(nameControls(sentence));
     this.status = status;
     this.answer = answer;
   }

@@ -20,7 +20,8 @@
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
  *   image_size: [number, number] | null, decided_by: string}} DescriptorInfo
  * @typedef {{preset: string, settings: {[name: string]: string}, image_size: [number, number] | null}} FittingPreset
- * @typedef {{keys: string[] | null, shape: number[] | null, fitting: FittingPreset[]}} Question
+ * @typedef {{keys: string[] | null, shape: number[] | null, weights: boolean, fitting: FittingPreset[]}} Question
+ *   weights: whether it may be those of a detector
  *
  * @typedef {{rows: number, cols: number, cell: [number, number], image: string}} Glyphs cell: height and width, pixels
  * @typedef {{key: string, name: string, shape: number[], numbers: number, signed: boolean, image_size: [number, number],
