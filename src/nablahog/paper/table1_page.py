@@ -60,6 +60,11 @@ DEFINITIONS = {
     "photograph it is enlarged to its size (bicubic); its distance is that of the level's own image from the "
     "descriptor sought at that level. The row NAME is the last level, NAME@1/1.",
     "seconds": "Wall time of a method for one image, in a process that computes in one thread; of all levels together.",
+    "method, metric, image": "In the files: a row of the table, a measure, and the file of a photograph.",
+    "cc, abs_cc, mi, ssim, psnr": "In the files: CC, |CC|, MI, SSIM and PSNR.",
+    "low, high": "In summary.csv: the ends of the interval.",
+    "n": "In summary.csv: the number of images.",
+    "reason": "In failures.csv: why a method has no result for an image.",
 }
 """What each figure means, printed under the table."""
 

@@ -11,7 +11,7 @@ from ..viz.similarity_plot import draw_boxes
 from .annotations import Example
 from .examples import CONDITIONS
 from .pose_methods import POSE_METHODS, Table2Settings
-from .table2 import NO_POSE, WITHIN, Table2, Table2Row
+from .table2 import CRITERIA, NO_POSE, WITHIN, Table2, Table2Row
 from .tables import RESAMPLES, Statistics, cell, count_failures, failures_section
 
 LEAD = (
@@ -37,6 +37,19 @@ DEFINITIONS = {
     "chance at 4 views, so we compare by interval.",
     "seconds": "Median wall time of a method for one object, in a process of one thread that has read the models. The "
     "first object of a process takes longer, because code is loaded.",
+    "condition, method, figure, value": "In summary.csv: a row of a table, the name of a figure, and its value.",
+    ", ".join(f"{criterion}_{views}" for criterion in CRITERIA for views in VIEW_COUNTS): "In summary.csv: the figures "
+    "by interval and by threshold, in percent.",
+    ", ".join(["median_error", "rotation_median_error", *(f"rotation_within_{angle:g}_degrees" for angle in WITHIN)]): (
+        "In summary.csv: the median errors of azimuths and of rotations, in degrees, and the shares of rotations."
+    ),
+    "low, high": "In summary.csv: the ends of the interval.",
+    "object, model, true_azimuth, true_elevation, true_theta": "In per_object.csv: an object, its model, and its true "
+    "viewpoint, in degrees.",
+    "azimuth, elevation, theta, distance, found_model": "In per_object.csv: the pose that a method found, in degrees "
+    "and, for the distance, diagonals of the model; and the model that it found.",
+    "rotation_error": "In per_object.csv: the angle of the rotation.",
+    "reason": "In failures.csv: why a method has no pose of an object.",
     **{name: method.about for name, method in POSE_METHODS.items()},
 }
 """What each figure, and each method, means, printed under the table."""

@@ -33,7 +33,22 @@ REGIONS = (
     f"image the prior is at least {SURE:.0%} sure that the pre-image is right about it. The rest is drawn grayer."
 )
 SAMPLES = "Agreement of the samples, which can share a mistake; the mean magnitude of their pairwise correlations"
-SECONDS = "Wall time of the search; for inputs that share a search, an equal part of it."
+FIGURES = {
+    "input": "The file of the photograph, descriptor or detector.",
+    "descriptor": "The kind of the descriptor: the name of its preset.",
+    "size, image_size": "Height and width of the pre-image, in pixels.",
+    "cell_size": "Height and width of a cell of the descriptor, in pixels.",
+    **DEFINITIONS,
+    "polarity": POLARITY,
+    "sure_regions": f"Share of the image in which the prior is at least {SURE:.0%} sure that the pre-image is right "
+    "about what is bright; none where there is no polarity.",
+    "agreement": f"{SAMPLES}; none without --samples.",
+    "seconds": "Wall time of the search; for inputs that share a search, an equal part of it.",
+    "stop_reason": "Why the search ended.",
+    "preimage": "The file of the pre-image, in the same folder.",
+    "error": "Why an input has no pre-image.",
+}
+"""What the figures of the page and of its JSON file mean."""
 
 
 def page(
@@ -50,14 +65,13 @@ def page(
     rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
     filled = [name for name in rows[0] if any(row[name] is not None for row in rows)]
     rows = [{name: row[name] for name in filled} for row in rows]
-    definitions = {name: text for name, text in {**DEFINITIONS, "polarity": POLARITY}.items() if name in filled}
     more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
     return html.page(
         title,
         f"{lead}{more}",
         rows,
         [*map(_section, shown), html.Section("Skipped inputs", "These files could not be used.", table=skipped)],
-        {**definitions, "seconds": SECONDS},
+        FIGURES,
         f"{html.footer(f'{figures} beside this page')} {remark}".rstrip(),
         first=_first(shown),
     )

@@ -24,8 +24,8 @@ from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs
 from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
-from .pose_files import POSITIONS, define, show_figures, show_position
 from .pose_pictures import close_up, outline_photograph
+from .pose_table import POSITIONS, define, show_figures, show_position
 
 HEIGHT = 320  # of the pictures of the overlay
 VIEWS = 8  # below the figure

@@ -1,0 +1,95 @@
+"""What the result files of each command say is defined, in the JSON file itself or on the page beside it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from nablahog.cli.main import main
+
+from .common import CHELSEA
+
+TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+CONTAINERS = {
+    *("info", "description", "version", "images", "categories", "annotations", "failed", "definitions"),
+}  # the outline of COCO's format
+
+
+def keys(value: object) -> Iterator[str]:
+    """The keys of JSON, but not those of its definitions."""
+    if isinstance(value, list):
+        for item in value:
+            yield from keys(item)
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            yield name
+            yield from () if name == "definitions" else keys(item)
+
+
+def figures(rows: list[dict[str, str]]) -> Iterator[str]:
+    """The columns of a table, and the figures that its rows name."""
+    for row in rows:
+        yield from row
+        yield from (row[column] for column in ("figure", "metric") if column in row)
+
+
+def undefined(folder: Path) -> set[str]:
+    """The keys and columns of all files of a folder that no definition names."""
+    pages = [unescape(page.read_text()) for page in folder.glob("index.html")]
+    definitions = [name for page in pages for name in re.findall("<dt>(.*?)</dt>", page)]
+    names = set[str]()
+    for file in folder.glob("*.json"):
+        found = json.loads(file.read_text())
+        definitions += found["definitions"] if isinstance(found, dict) else []
+        names |= {*keys(found)}
+    for file in folder.glob("*.csv"):
+        with open(file, newline="") as lines:
+            reader = csv.DictReader(lines)
+            names |= {*(reader.fieldnames or ()), *figures([*reader])}
+    assert names
+    return names - {part for name in definitions for part in (name, name.lower(), *name.split(", "))} - CONTAINERS
+
+
+@pytest.fixture
+def photographs(tmp_path: Path) -> Path:
+    """Two photographs, and a file that is none."""
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for k in range(2):
+        Image.fromarray(CHELSEA[8 * k : 8 * k + 64, :64]).save(folder / f"{k}.png")
+    (folder / "bad.png").write_bytes(b"no image")
+    return folder
+
+
+def test_invert(tmp_path: Path, photographs: Path) -> None:
+    main(["invert", str(photographs), "--preset", "paper", "--samples", "2", "--quality", "fast", "-o", str(tmp_path)])
+    assert not undefined(tmp_path)
+
+
+def test_pose(tmp_path: Path, photographs: Path) -> None:
+    model, listed = tmp_path / "model.off", photographs / "objects.csv"
+    model.write_text(TETRAHEDRON)
+    listed.write_text("image,x0,y0,x1,y1\n0.png,5,5,60,60\nbad.png,5,5,60,60\n")
+    camera = ["--focal", "80", "--distortion=0.1,0,0,0"]
+    command = ["pose", str(photographs), "--annotations", str(listed), "--mesh", str(model), *camera, "--workers", "1"]
+    main([*command, "-o", str(tmp_path / "out")])
+    assert not undefined(tmp_path / "out")
+
+
+def test_table1(tmp_path: Path, photographs: Path) -> None:
+    command = ["table1", "--images", str(photographs), "--methods", "uoctti-single", "--max-evaluations", "2"]
+    main([*command, "--workers", "1", "-o", str(tmp_path / "out")])
+    assert not undefined(tmp_path / "out")
+
+
+def test_table2(tmp_path: Path) -> None:
+    command = ["table2", "--objects", "1", "--methods", "exhaustive", "--conditions", "exact", "--workers", "1"]
+    main([*command, "-o", str(tmp_path / "out")])
+    assert not undefined(tmp_path / "out")
