@@ -15,6 +15,7 @@ from PIL import Image
 from skimage import data, feature
 
 from nablahog import load_descriptor
+from nablahog.compat.opencv import HOGDescriptor
 
 from .browser import CHROMIUM, DRIVER, WAIT, Page, browsing, serving
 
@@ -133,14 +134,39 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "broken.png"))
     page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
     refused_and_expected(page)
-    for names, words in ((["a.png", "b.png"], "got 2"), (["h.yml"], "--template"), (["cam.json"], "Calibrated camera")):
-        page.read(
-            "(() => { const dropped = new DataTransfer();"
-            f"for (const name of {names}) dropped.items.add(new File(['x'], name));"
-            "document.dispatchEvent(new DragEvent('drop', { dataTransfer: dropped, cancelable: true })); })()"
-        )
-        page.until(f"document.querySelector('#alert').textContent.includes('{words}')")
-    assert len(page.complaints()) == 3  # the page tells the console, too
+
+
+def drop(page: Page, **contents: str) -> None:
+    """Drops files of these names, with a dot for each underscore, and contents."""
+    files = ", ".join(f"new File([{json.dumps(text)}], '{name.replace('_', '.')}')" for name, text in contents.items())
+    page.read(
+        f"(() => {{ const dropped = new DataTransfer(); for (const file of [{files}]) dropped.items.add(file);"
+        "document.dispatchEvent(new DragEvent('drop', { dataTransfer: dropped, cancelable: true })); })()"
+    )
+
+
+@in_a_browser
+def test_what_is_dropped_ends_what_was_dropped_before(page: Page, tmp_path: Path) -> None:
+    page.open("#/fit?photo=scene-chair")
+    page.idle()
+    drop(page, m_off="OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n")
+    page.until("document.querySelector('#mesh-about').textContent.includes('m.off')")
+    drop(page, cameras_txt="1 PINHOLE 224 224 320 300 100 120")
+    page.until("document.querySelector('#intrinsics').value === '320, 300, 100, 120'")
+    detector = HOGDescriptor()
+    detector.setSVMDetector(np.linspace(-1, 1, 3781, dtype=np.float32))
+    detector.save(str(tmp_path / "people.json"))
+    people = (tmp_path / "people.json").read_text(encoding="utf-8")
+    drop(page, people_json=people)
+    page.until("document.querySelector('#source-name').textContent.includes('detector template')")
+    drop(page, other_json=people)
+    drop(page, a_png="x", b_png="x")
+    page.idle()
+    assert "got 2" in page.text("#alert")
+    assert "people" in page.text("#source-name")
+    drop(page, cam_yml="%YAML:1.0")
+    page.until("document.querySelector('#alert').textContent.includes('cam.yml')")
+    assert len(page.complaints()) == 1  # the page tells the console that there were two
 
 
 @in_a_browser

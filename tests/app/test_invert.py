@@ -96,7 +96,8 @@ def test_refused_before_it_begins(client: TestClient) -> None:
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
-    from nablahog.app.store import requested_descriptor, store_photograph
+    from nablahog.app.store import requested_descriptor
+    from nablahog.app.uploads import store_photograph
 
     store, cancel, seen = Store(b""), CancelToken(), threading.Event()
     key = store_photograph(photo_file, "p.png", {}, store)["id"]

@@ -17,6 +17,7 @@ from starlette.testclient import TestClient
 
 from nablahog import hog, load_descriptor, presets, sample_chairs, save_descriptor
 from nablahog.cli.main import main
+from nablahog.compat.opencv import HOGDescriptor
 
 from .test_fit import box, until
 from .test_invert import events
@@ -120,6 +121,18 @@ def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> N
     run(client.post("/api/hog", json={"descriptor": of["id"]}).json()["snippets"])
     done = events(client, descriptor=of["id"])[-1][1]
     assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
+
+
+def test_of_a_detector_that_opencv_saved(client: TestClient, tmp_path: Path, run: Run) -> None:
+    detector, file = HOGDescriptor(), tmp_path / "people.yml.gz"
+    detector.setSVMDetector(np.random.default_rng(0).standard_normal(3781).astype(np.float32))
+    detector.save(str(file))
+    of = client.post(f"/api/descriptors?name={file.name}", content=file.read_bytes()).json()
+    assert (of["template"], of["image_size"]) == (True, [128, 64])
+    said = client.post("/api/hog", json={"descriptor": of["id"]}).json()
+    weights = run(said["snippets"])["weights"]
+    (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
+    np.testing.assert_array_equal(weights, load_descriptor("page.npz").descriptor)
 
 
 @pytest.mark.parametrize("camera", [{"focal": None}, {"focal": [400.0, 410.0], "principal_point": [100.5, 120.0]}])

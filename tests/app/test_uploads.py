@@ -14,7 +14,7 @@ from skimage.data import camera
 from starlette.testclient import TestClient
 
 from nablahog import hog, presets, save_descriptor
-from nablahog.app import store
+from nablahog.app import uploads
 
 CUBE = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
@@ -32,7 +32,7 @@ def test_too_many_pixels_are_refused_before_they_are_decoded(
 ) -> None:
     file = io.BytesIO()
     Image.new("1", (6000, 5000)).save(file, format="PNG")
-    monkeypatch.setattr(store, "read_image", None)
+    monkeypatch.setattr(uploads, "read_image", None)
     answer = client.post("/api/photos?name=large.png", content=file.getvalue())
     assert (answer.status_code, answer.json()["error"]) == (
         413,
@@ -126,7 +126,7 @@ def test_a_mesh(client: TestClient) -> None:
         ("/api/meshes?name=m.obj.exe", CUBE, "m.obj.exe: expected a mesh file (.off, .obj, .ply, .stl, .glb, .gltf)"),
         ("/api/meshes?name=m.off&up=q", CUBE, "up must be one of x, y and z, with a sign or without, got 'q'"),
         ("/api/meshes?name=m.off", b"OFF\n", "m.off: "),
-        ("/api/descriptors?name=d.pdf", b"x", "d.pdf: expected a descriptor (.npy, .npz, .mat)"),
+        ("/api/descriptors?name=d.pdf", b"x", "d.pdf: expected a descriptor (.npy, .npz, .mat) or a detector"),
         ("/api/descriptors?name=d.pkl", b"x", "d.pkl: a pickle is never loaded"),
         ("/api/descriptors?name=d.npy&preset=uoctti", b"x", "d.npy: expected an array (.npy), but it cannot be read"),
         ("/api/descriptors?name=d.npy&settings=%7B", b"x", "expected JSON: "),

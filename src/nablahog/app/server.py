@@ -25,7 +25,7 @@ from ..render.camera import to_camera, to_screen
 from ..requests.options import integer
 from ..runtime.errors import explain
 from ..viz.html import TEMPLATES
-from . import see, store
+from . import see, uploads
 from .about import about
 from .access import AccessMiddleware, AccessRules
 from .fit import Fitting, read_camera
@@ -42,7 +42,7 @@ from .messages import (
     encode_png,
 )
 from .socket import FitSocket
-from .store import DescriptorEntry, MeshEntry, Photograph, Store
+from .store import DescriptorEntry, MeshEntry, Photograph, Store, requested_descriptor
 from .work_queue import Cancelled, CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
@@ -93,10 +93,10 @@ class Server:
             Route("/", files["index.html"], methods=["GET"]),
             *(Route(f"/static/{name}", file, methods=["GET"]) for name, file in files.items()),
             Route("/api/about", _with_json_errors(self._what_there_is)),
-            Route("/api/photos", self._upload("photo", store.store_photograph), methods=["POST"]),
+            Route("/api/photos", self._upload("photo", uploads.store_photograph), methods=["POST"]),
             Route("/api/photos/{id}", _with_json_errors(self._photograph)),
-            Route("/api/descriptors", self._upload("descriptor", store.store_descriptor), methods=["POST"]),
-            Route("/api/meshes", self._upload("model", store.store_mesh), methods=["POST"]),
+            Route("/api/descriptors", self._upload("descriptor", uploads.store_descriptor), methods=["POST"]),
+            Route("/api/meshes", self._upload("model", uploads.store_mesh), methods=["POST"]),
             Route("/api/cameras", self._upload("camera", read_camera), methods=["POST"]),
             Route("/api/hog", _with_json_errors(self._hog), methods=["POST"]),
             Route("/api/hog/{id}/cell", _with_json_errors(self._cell)),
@@ -161,7 +161,7 @@ class Server:
     async def _invert(self, request: Request) -> Response:
         message = decode(await request.body(), InvertMessage)
         # a refusal here has an HTTP status
-        entry = await self.quick.run(lambda _: store.requested_descriptor(message, self.store))
+        entry = await self.quick.run(lambda _: requested_descriptor(message, self.store))
         return StreamingResponse(self._frames(message, entry), media_type="text/event-stream")
 
     async def _frames(self, message: InvertMessage, entry: DescriptorEntry) -> AsyncIterator[bytes]:

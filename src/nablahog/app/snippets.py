@@ -52,6 +52,19 @@ def write_model_reading(name: str, number: int) -> Reading:
     return Reading(name, (), python)
 
 
+def write_detector_reading(name: str) -> Reading:
+    """The reading of a HOGDescriptor that OpenCV saved."""
+    python = (
+        "import nablahog",
+        "from nablahog.compat.opencv import HOGDescriptor",
+        "detector = HOGDescriptor()",
+        f"detector.load({name!r})",
+        "spec, size = detector.spec, detector.winSize[::-1]  # height, width",
+        "weights = nablahog.from_layout(detector.svmDetector[: detector.getDescriptorSize()], spec, size)",
+    )
+    return Reading(name, (), python)
+
+
 def write_array_reading(
     name: str, array: NDArray[np.floating], source: Source, request: GlyphRequest, *, template: bool
 ) -> Reading:

@@ -1,5 +1,7 @@
 /** Requests to the server. */
 
+/** Bytes of an upload, once the server has said it. */
+let most = Infinity;
 const token = new URLSearchParams(location.search).get("token");
 /** Names of fields whose controls are called otherwise. @type {{[name: string]: string}} */
 const LABELS = { settings: "Parameters", focal: "Focal length" };
@@ -80,6 +82,9 @@ export async function postJson(path, body, signal) {
   return (await posted(path, body, signal)).json();
 }
 
+/** @param {number} bytes that an upload may have */
+export const limitUploads = (bytes) => { most = bytes; };
+
 /**
  * @param {string} path
  * @param {{[key: string]: string}} query empty ones are left out
@@ -88,6 +93,9 @@ export async function postJson(path, body, signal) {
  * @returns {Promise<any>}
  */
 export async function postFile(path, query, body, signal) {
+  if (body.size > most) {
+    throw new ServerError(413, `${query.name} has ${Math.ceil(body.size / 1e6)} MB; the limit is ${Math.floor(most / 1e6)} MB: choose a smaller file.`);
+  }
   const values = new URLSearchParams(Object.entries(query).filter(([, value]) => value !== ""));
   const headers = { "Content-Type": "application/octet-stream" };
   // a Blob's own type would take the place of the header

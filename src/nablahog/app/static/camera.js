@@ -25,7 +25,7 @@ export class CameraInput {
         if (this.#isWhole()) changed();
       });
     }
-    this.#file.addEventListener("change", () => { if (this.#file.files?.[0]) void this.#read(this.#file.files[0]); });
+    this.#file.addEventListener("change", () => { if (this.#file.files?.[0]) void this.read(this.#file.files[0]); });
   }
 
   /** As a request has it: in pixels; null for what is not known. */
@@ -50,6 +50,7 @@ export class CameraInput {
    * @param {string} distortion
    */
   set(focal, point, intrinsics, distortion) {
+    this.#newest.abort();
     this.#focal.value = focal > 0 ? String(Math.round(focal * 10) / 10) : "";
     for (const [i, input] of this.#point.entries()) input.value = point ? String(point[i]) : "";
     this.#intrinsics.value = intrinsics;
@@ -60,13 +61,14 @@ export class CameraInput {
   }
 
   /** @param {File} file of a camera, whose numbers are written into the fields */
-  async #read(file) {
+  async read(file) {
+    clearError();
     const query = { name: file.name, photo: this.source.value?.id ?? "" };
     /** @type {{intrinsics: number[], distortion: number[] | null} | undefined} */
     const camera = await this.#newest.run(`Reading ${file.name}`, (signal) => postFile("api/cameras", query, file, signal));
     this.#file.value = "";  // so that the same file can be chosen again
     if (!camera) return;
-    clearError();
+    element("calibrated", HTMLDetailsElement).open = true;
     this.#intrinsics.value = camera.intrinsics.join(", ");
     this.#distortion.value = camera.distortion?.join(", ") ?? "";
     this.#explain();

@@ -107,6 +107,12 @@ export class Fit {
     void this.mesh.open(file);
   }
 
+  /** @param {File} file of a camera that was dropped */
+  openCamera(file) {
+    if (this.app.source.value?.kind === "photo") void this.#camera.read(file);
+    else showError(new ServerError(0, `${file.name}: a camera’s file is for a photograph; choose that first.`));
+  }
+
   #boxed() {
     this.app.address.set({ box: this.#box.value?.join(",") ?? "none" });
     if (!this.#ready) return;

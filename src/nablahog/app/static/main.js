@@ -1,7 +1,7 @@
 /** The start of the page, and its views. */
 
 import { Address } from "./address.js";
-import { getJson, ServerError } from "./api.js";
+import { getJson, limitUploads, ServerError } from "./api.js";
 import { element } from "./dom.js";
 import { Fit } from "./fit.js";
 import { Invert } from "./invert.js";
@@ -20,15 +20,18 @@ const TITLES = { see: "See", invert: "Invert", fit: "Fit" };
 
 /** @param {import("./types.js").About} about */
 function start(about) {
+  limitUploads(about.limits.upload_bytes);
   const address = new Address();
   const dialect = new Dialects(about, address, () => {
     see.refresh();
     invert.explain();
   });
-  const source = new SourceChooser(about, address, (file) => {
+  /** @param {(file: File) => void} open in Fit */
+  const inFit = (open) => (/** @type {File} */ file) => {
     address.go("fit");
-    fit.openMesh(file);
-  });
+    open(file);
+  };
+  const source = new SourceChooser(about, address, inFit((file) => fit.openMesh(file)), inFit((file) => fit.openCamera(file)));
   /** @type {App} */
   const app = { about, address, source, dialect };
   const see = new See(app), invert = new Invert(app), fit = new Fit(app);

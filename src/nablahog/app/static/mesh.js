@@ -2,7 +2,7 @@
 
 import { postFile } from "./api.js";
 import { element, fill, make } from "./dom.js";
-import { LatestRequest } from "./progress.js";
+import { clearError, LatestRequest } from "./progress.js";
 
 const AXES = [{ id: "", name: "as its format" }, ...["x", "y", "z", "-x", "-y", "-z"].map((id) => ({ id, name: id.replace("-", "−") }))];
 
@@ -28,6 +28,7 @@ export class MeshChooser {
     fill(this.#front, AXES);
     this.restore();
     this.#select.addEventListener("change", () => {
+      this.#newest.abort();
       element("mesh-about", HTMLElement).textContent = "";
       this.#remember();
       changed();
@@ -56,6 +57,7 @@ export class MeshChooser {
 
   /** @param {File} file */
   async #send(file) {
+    clearError();
     const query = { name: file.name, up: this.#up.value, front: this.#front.value };
     /** @type {{id: string, name: string, vertices: number, faces: number} | undefined} */
     const mesh = await this.#newest.run(`Sending ${file.name}`, (signal) => postFile("api/meshes", query, file, signal));

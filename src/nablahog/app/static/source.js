@@ -12,14 +12,22 @@ import * as question from "./question.js";
  *   parts: import("./types.js").Named[], decided?: string}} DescriptorSource id: of the part that is looked at
  */
 
-const SAVED_DETECTOR = "a detector that OpenCV saved is read by the command: nablahog invert FILE --template -o results";
-/** @type {[RegExp, string][]} files of other kinds, and where they are read */
-const READ_ELSEWHERE = [
-  [/\.(ya?ml|xml)$/i, SAVED_DETECTOR],
-  [/\.json$/i, `a camera's file is opened in Fit, under “Calibrated camera”; ${SAVED_DETECTOR}`],
-];
 const ARRAYS = /\.(npy|npz|mat)$/i;
+const STORAGES = /\.(ya?ml|xml|json)(\.gz)?$/i;
 const MESHES = /\.(off|obj|ply|stl|glb|gltf)$/i;
+/** How a file of COLMAP's cameras, and one of a detector or an SVM that OpenCV saved, begin. */
+const CAMERA = /^\s*\d+\s+[A-Z_]+\s+\d+\s+\d+\s/m, DETECTOR = /object-detector-hog|ml_svm/;
+
+/**
+ * Whether a file is, by its name and beginning, the calibration of a camera.
+ *
+ * @param {File} file
+ */
+async function isCamera(file) {
+  if (!/\.(txt|ya?ml|xml|json)$/i.test(file.name)) return false;
+  const text = await file.slice(0, 2 ** 16).text();
+  return /\.txt$/i.test(file.name) ? CAMERA.test(text) : !DETECTOR.test(text);
+}
 
 export class SourceChooser extends EventTarget {
   /** @type {PhotoSource | DescriptorSource | null} */
@@ -32,12 +40,14 @@ export class SourceChooser extends EventTarget {
    * @param {import("./types.js").About} about
    * @param {import("./address.js").Address} address
    * @param {(file: File) => void} openMesh
+   * @param {(file: File) => void} openCamera
    */
-  constructor(about, address, openMesh) {
+  constructor(about, address, openMesh, openCamera) {
     super();
     this.about = about;
     this.address = address;
     this.openMesh = openMesh;
+    this.openCamera = openCamera;
     this.#thumbnails();
     this.#listen();
     this.restore();
@@ -79,8 +89,7 @@ export class SourceChooser extends EventTarget {
       const [width = 0, height = 0] = this.address.numbers("pixels", 2) ?? [];
       this.#take({ kind: "photo", id: photo, name, width, height }, false);
     } else {
-      this.#chosen = null;
-      this.dispatchEvent(new Event("change"));
+      this.#take(null, false);
     }
   }
 
@@ -102,15 +111,15 @@ export class SourceChooser extends EventTarget {
   }
 
   /**
-   * @param {PhotoSource | DescriptorSource} source
+   * @param {PhotoSource | DescriptorSource | null} source
    * @param {boolean} told whether the address is to follow
    */
   #take(source, told = true) {
-    const other = source.id !== this.value?.id;
+    this.#leave();
+    const other = source?.id !== this.value?.id;
     this.#chosen = source;
-    const photo = source.kind === "photo" ? source : null, array = source.kind === "descriptor" ? source : null;
-    if (told) {
-      clearError();
+    const photo = source?.kind === "photo" ? source : null, array = source?.kind === "descriptor" ? source : null;
+    if (source && told) {
       const sample = this.about.samples.some((each) => each.id === photo?.id);
       this.address.set({
         photo: photo?.id ?? null, pixels: photo && !sample ? `${photo.width},${photo.height}` : null,
@@ -147,10 +156,7 @@ export class SourceChooser extends EventTarget {
       const name = stem(sample.name);
       const image = make("img", { alt: name, width: 70, height: 70 });
       const button = make("button", { type: "button", "data-id": sample.id, title: name, "aria-pressed": false }, image);
-      button.addEventListener("click", () => {
-        question.close();
-        this.#take({ kind: "photo", ...sample });
-      });
+      button.addEventListener("click", () => this.#take({ kind: "photo", ...sample }));
       place.append(button);
       void waiting("source-progress", "Loading the samples", (signal) =>
         getBlob(`api/photos/${encodeURIComponent(sample.id)}?size=160`, signal)).then((blob) => {
@@ -164,7 +170,7 @@ export class SourceChooser extends EventTarget {
     const input = element("file", HTMLInputElement);
     input.addEventListener("change", () => {
       const file = input.files?.[0];
-      if (file) this.open(file);
+      if (file) void this.open(file);
       // so that the same file can be chosen again
       input.value = "";
     });
@@ -196,26 +202,28 @@ export class SourceChooser extends EventTarget {
   #openOne(files) {
     const [file] = files;
     if (files.length > 1) {
+      this.#leave();
       showError(`Expected one file, got ${files.length}: open one at a time. The command takes many: nablahog invert FOLDER -o results`);
     } else if (file) {
-      this.open(file);
+      void this.open(file);
     }
   }
 
-  /** @param {File} file a photograph, an array or a mesh */
-  open(file) {
+  /** Ends what was begun with another file: its question, its upload, its error. */
+  #leave() {
     question.close();
-    const [, where] = READ_ELSEWHERE.find(([names]) => names.test(file.name)) ?? [];
-    if (where) {
-      showError(`${file.name}: expected a photograph, an array or a mesh; ${where}`);
-      return;
-    }
-    const most = this.about.limits.upload_bytes;
-    if (file.size > most) {
-      showError(new ServerError(413, `${file.name} has ${Math.ceil(file.size / 1e6)} MB; the limit is ${Math.floor(most / 1e6)} MB: choose a smaller file.`));
-    } else if (MESHES.test(file.name)) {
+    this.#newest.abort();
+    clearError();
+  }
+
+  /** @param {File} file a photograph, an array, a detector, a mesh or a camera */
+  async open(file) {
+    this.#leave();
+    if (MESHES.test(file.name)) {
       this.openMesh(file);
-    } else if (ARRAYS.test(file.name)) {
+    } else if (await isCamera(file)) {
+      this.openCamera(file);
+    } else if (ARRAYS.test(file.name) || STORAGES.test(file.name)) {
       void this.#describe(file, { as: "", preset: "", settings: "", image_size: "", key: "" });
     } else {
       void this.#upload(file);
