@@ -124,18 +124,6 @@ def test_archives_that_swell(tmp_path: Path) -> None:
         load_descriptor(tmp_path / "d.npz")
 
 
-def test_no_archive(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="no such file"):
-        load_descriptor(tmp_path / "missing.npz")
-    for content in (b"", b"hello", b"\x93NUMPY"):
-        (tmp_path / "d.npz").write_bytes(content)
-        with pytest.raises(ValueError, match="expected a descriptor file"):
-            load_descriptor(tmp_path / "d.npz")
-    (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(ValueError, match="expected a descriptor file"):
-        load_descriptor(tmp_path / "folder.npz")
-
-
 def test_what_cannot_be_saved(tmp_path: Path) -> None:
     spec, descriptor = presets.uoctti(), _descriptor(presets.uoctti())
     with pytest.raises(ValueError, match="got NaN or Inf"):

@@ -37,11 +37,7 @@ def test_root_and_parts(tmp_path: Path) -> None:
 
 
 def test_refusals(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"none.mat: no such file"):
-        load_dpm(tmp_path / "none.mat")
     (tmp_path / "text.mat").write_text("hello")
-    with pytest.raises(ValueError, match=r"text.mat: "):
-        load_dpm(tmp_path / "text.mat")
     savemat(tmp_path / "other.mat", {"w": np.ones(3)})
     with pytest.raises(ValueError, match=r"other.mat: expected a model of voc-release5"):
         load_dpm(tmp_path / "other.mat")

@@ -210,19 +210,6 @@ def test_images_that_people_have_opened_are_those_of_the_file(
     torch.testing.assert_close(opened[0], read_image(tmp_path / "a.tif"), rtol=0, atol=0)
 
 
-def test_no_picture(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="no such file"):
-        read_image(tmp_path / "missing.png")
-    with pytest.raises(ValueError, match="got a folder"):
-        read_image(tmp_path)
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(ValueError, match="got a special file"):
-        read_image(tmp_path / "pipe")
-    (tmp_path / "text.png").write_text("hello")
-    with pytest.raises(ValueError, match="expected an image, got a file that is none"):
-        read_image(tmp_path / "text.png")
-
-
 def test_postscript_is_not_run(tmp_path: Path) -> None:
     Image.fromarray(RAMP).save(tmp_path / "program.eps")
     with pytest.raises(ValueError, match="PostScript"):

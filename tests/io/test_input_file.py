@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,13 @@ from scipy.io import savemat
 import nablahog
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import is_archive, is_raw, read_array
+from nablahog.io.camera_file import read_camera_file
+from nablahog.io.dpm_file import load_dpm
 from nablahog.io.images import longer_side, read_exif_focal, read_image
 from nablahog.io.input_file import InputFile
+from nablahog.io.lists import read_objects
 from nablahog.io.matfile import read_mat
+from nablahog.pose.whitening import Background
 
 SPEC = nablahog.presets.uoctti()
 
@@ -68,17 +73,45 @@ def test_bytes_are_read_as_the_file_is(
     np.testing.assert_array_equal(read(InputFile(f"{tmp_path}/nowhere/{name}", path.read_bytes())), expected)
 
 
+READERS: dict[str, Callable[[Any], Any]] = {
+    "a.png": read_image,
+    "a.npy": lambda file: read_array(file, None),
+    "a.mat": read_mat,
+    "dpm.mat": load_dpm,
+    "a.npz": nablahog.load_descriptor,
+    "background.npz": Background.load,
+    "a.csv": read_objects,
+    "camera.json": read_camera_file,
+    "a.off": nablahog.load_mesh,
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_what_is_no_file_is_said_in_the_same_words(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    with pytest.raises(FileNotFoundError, match=f"^{path}: no such file"):
+        READERS[name](path)
+    path.mkdir()
+    with pytest.raises(ValueError, match=f"^{path}: expected .*, got a folder$"):
+        READERS[name](path)
+    path.rmdir()
+    os.mkfifo(path)
+    with pytest.raises(ValueError, match=f"^{path}: expected .*, got a special file$"):
+        READERS[name](path)
+
+
 def _opencv_parameters(file: Any) -> list[Any]:
     hog = HOGDescriptor()
     hog.load(file)
     return [hog.winSize, hog.blockSize, hog.nbins]
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.npy", "a.npz", "a.mat"])
+@pytest.mark.parametrize("name", sorted(READERS.keys() - {"a.csv"}))  # which takes a path alone
 def test_errors_call_bytes_by_their_name(name: str) -> None:
-    read = read_image if name == "a.png" else lambda file: read_array(file, None)
-    with pytest.raises(ValueError, match=f"^my {name}: "):
-        read(InputFile(f"my {name}", b"nothing of use"))
+    for content in (b"", b"nothing of use", b"\x93NUMPY", b"PK\3\4"):
+        with pytest.raises(ValueError, match=f"^my {name}: ") as caught:
+            READERS[name](InputFile(f"my {name}", content))
+        assert "\n" not in str(caught.value)
 
 
 def test_an_array_of_a_damaged_header_takes_no_memory() -> None:

@@ -122,8 +122,6 @@ def test_what_takes_more_memory_than_bytes(tmp_path: Path, monkeypatch: pytest.M
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matfile, "MAX_MAT_BYTES", 2**16)
     path = tmp_path / "a.mat"
-    with pytest.raises(FileNotFoundError, match=r"a\.mat: no such file"):
-        read_mat(path)
     assert "its header" in _refusal(path, b"hello")
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
     header = bytes(124) + b"\x00\x01IM"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose
@@ -31,12 +30,6 @@ def test_a_background_of_one_level_has_its_derivative() -> None:
     render(triangle(), pose(20), CAMERA, background=level).sum().backward()
     bright, dark = (render(triangle(), pose(20), CAMERA, background=behind).double().sum() for behind in (0.6, 0.4))
     assert float(level.grad) == pytest.approx(float(bright - dark) / 0.2, rel=1e-4)  # type: ignore[arg-type]
-
-
-def test_backgrounds_are_numbers_tensors_and_arrays() -> None:
-    expected = render(triangle(), pose(20), CAMERA, background=0.5)
-    for background in (torch.tensor(0.5), np.array(0.5), np.full((32, 24), 0.5, np.float32)):
-        assert torch.equal(render(triangle(), pose(20), CAMERA, background=background), expected)  # type: ignore[arg-type]
 
 
 def test_planes_of_faces_are_computed_once_for_all_cameras(monkeypatch: pytest.MonkeyPatch) -> None:

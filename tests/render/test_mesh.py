@@ -46,24 +46,6 @@ def test_normalized_is_centred_with_diagonal_one() -> None:
     assert mesh.vertices.requires_grad
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"faces": torch.zeros(0, 3, dtype=torch.int64)}, "at least one face"),
-        ({"faces": torch.tensor([[0, -1, 2]])}, "faces must refer to the vertices 0…2, got -1"),
-        ({"brightness": torch.full((3,), float("nan"), dtype=torch.float64)}, "brightness must lie in 0…1"),
-    ],
-)
-def test_mesh_refuses(changes: dict[str, Any], message: str) -> None:
-    good = {
-        "vertices": torch.eye(3, dtype=torch.float64),
-        "faces": torch.tensor([[0, 1, 2]]),
-        "brightness": torch.ones(3, dtype=torch.float64),
-    }
-    with pytest.raises(ValueError, match=message):
-        Mesh(**(good | changes))
-
-
 def test_one_point_cannot_be_normalized() -> None:
     mesh = Mesh(torch.zeros(3, 3, dtype=torch.float64), torch.tensor([[0, 1, 2]]), torch.ones(3, dtype=torch.float64))
     with pytest.raises(ValueError, match="extent above 0"):
@@ -279,13 +261,3 @@ def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:
     }
     mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
     torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN / 2, dtype=torch.float64))
-
-
-def test_a_mesh_takes_arrays_and_lists() -> None:
-    vertices, faces = [[0, 0, 0], [1, 0, 0], [0, 0, 1]], np.array([[0, 1, 2]], dtype=np.int32)
-    mesh = Mesh(vertices, faces, (0.5, 0.5, 0.5))  # type: ignore[arg-type]
-    assert (mesh.vertices.dtype, mesh.faces.dtype) == (torch.float64, torch.int64)
-    assert mesh.brightness.tolist() == [0.5] * 3
-    assert repr(mesh) == "<Mesh 3 vertices, 1 faces>"
-    with pytest.raises(ValueError, match=r"vertices must have the shape \(1, 3\), got \(1, 2\)"):
-        Mesh([[0.0, 1.0]], [[0, 0, 0]], [0.5])  # type: ignore[arg-type]

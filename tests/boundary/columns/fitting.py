@@ -8,7 +8,7 @@ import torch
 
 import nablahog
 from nablahog import Camera, Renderer, render
-from nablahog.render import pose, silhouette
+from nablahog.render import depth_and_normals, pose, silhouette
 
 from ..table import Column, Use
 from .plain import BATCH, BOX, CAMERA, IMAGE, MASK, MESH, POSES, angle, image, number
@@ -76,6 +76,7 @@ COLUMNS = [
         },
         tolerance=1e-4,
     ),
+    Column("depth_and_normals", {"mesh": Use(lambda m: depth_and_normals(m, POSES, CAMERA)[1], MESH)}, tolerance=1e-4),
     Column("pose", {"angle": angle(lambda a: drawn(poses=pose(azimuth=a, distance=2)), 30.0)}, tolerance=1e-4),
     Column(
         "Camera",
