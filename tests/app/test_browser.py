@@ -257,15 +257,20 @@ def test_the_file_of_a_camera(page: Page, folder: Path) -> None:
 
 @in_a_browser
 def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> None:
-    """What is chosen from is folded above the view, and folds again after a choice."""
+    """What is chosen from is folded above the view, and folds again after a choice; so begins what starts the work."""
     folded = "!document.querySelector('#choose').open"
     with browsing(tmp_path, 390, 844) as driver:
         page = Page(driver, address)
-        for view, selector in (("see", "#picture"), ("invert", "#invert-start"), ("fit", "#box-canvas")):
+        for view, first, start in (
+            ("see", "#picture", "#picture"),
+            ("invert", "#invert-start", "#invert-start"),
+            ("fit", "#box-canvas", "#fit-open"),
+        ):
             page.open(f"#/{view}")
             page.idle()
             assert page.read(folded)
-            assert page.read(f"document.querySelector('{selector}').getBoundingClientRect().top < innerHeight * 2 / 3")
+            assert page.read(f"document.querySelector('{first}').getBoundingClientRect().top < innerHeight * 2 / 3")
+            assert page.read(f"document.querySelector('{start}').getBoundingClientRect().top < innerHeight")
         page.read("document.querySelector('#choose > summary').click()")
         page.click("#samples button:nth-child(2)")
         page.until(folded)

@@ -40,7 +40,9 @@ function start(about) {
     source.say();
     const described = source.value?.kind === "descriptor";
     // a descriptor from a file knows how it was made
-    for (const id of ["dialect", "choose-dialect"]) element(id, HTMLElement).hidden = address.view === "fit" || described;
+    element("dialect", HTMLElement).hidden = address.view === "fit" || described;
+    element("choose-what", HTMLElement).textContent =
+      described ? "Descriptor" : address.view === "fit" ? "Photograph" : "Photograph and descriptor";
     for (const each of document.querySelectorAll("[data-photo-only]")) {
       if (each instanceof HTMLElement) each.hidden = described;
     }

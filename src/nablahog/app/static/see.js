@@ -95,7 +95,8 @@ export class See {
       `Glyphs of ${source.name}: ${hog.glyphs.rows} rows and ${hog.glyphs.cols} columns of cells`);
     element("picture-caption", HTMLElement).textContent = `Photograph, ${width} × ${height} pixels`;
     element("glyphs-caption", HTMLElement).textContent = `Glyphs, ${hog.glyphs.rows} × ${hog.glyphs.cols} cells`;
-    const shape = `Descriptor ${hog.name}: ${hog.shape.join(" × ")}, ` +
+    const isTemplate = source.kind === "descriptor" && source.template;
+    const shape = `${isTemplate ? "Weights of a detector, preset" : "Descriptor"} ${hog.name}: ${hog.shape.join(" × ")}, ` +
       `${hog.numbers.toLocaleString("en")} numbers, ${hog.signed ? "signed" : "unsigned"} directions, ` +
       `${hog.milliseconds.toFixed(hog.milliseconds < 10 ? 1 : 0)} ms`;
     element("shape", HTMLElement).textContent = shape;

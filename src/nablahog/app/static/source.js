@@ -129,6 +129,7 @@ export class SourceChooser extends EventTarget {
         ...other ? { box: null, pose: null, axis: null, intrinsics: null, distortion: null,
           focal: sample ? null : photo?.focal ?? null } : {},
       });
+      scrollTo({ top: 0, behavior: "instant" });
     }
     this.dispatchEvent(new Event("change"));
   }
