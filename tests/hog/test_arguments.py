@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch.nn.functional import pad
 
+from nablahog import HOGLoss, reconstruct
 from nablahog.hog import HOG, hog, presets
 
 SPEC = presets.paper()
@@ -55,12 +56,36 @@ def test_other_options_are_refused() -> None:
             ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'; did you mean 'skimage'\?$"
         ):
             make()
-    with pytest.raises(TypeError, match="got function: write "):
-        hog(images, presets.paper)  # type: ignore[call-overload]
     with pytest.raises(ValueError, match=r"^layout must be one of 'cells', 'native', got 'planes'$"):
         hog(images, "paper", layout="planes")  # type: ignore[call-overload]
     with pytest.raises(ValueError, match=r"^backend must be one of 'auto', 'torch', 'triton', got 'cpu'$"):
         hog(images, "paper", backend="cpu")  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        (presets.opencv, r"write nablahog\.presets\.opencv\(\), or 'opencv'"),
+        (None, "got None: write 'uoctti'"),
+        (HOG("opencv"), "write its `spec`"),
+        ({"name": "opencv"}, "write 'uoctti'"),
+    ],
+)
+def test_what_is_no_spec_is_answered_with_what_to_write(spec: Any, words: str) -> None:
+    descriptor = torch.zeros(1, 8, 8, 31)
+    for call in (
+        HOG,
+        HOGLoss,
+        lambda spec: hog(descriptor, spec),
+        lambda spec: reconstruct(descriptor, spec, (64, 64)),
+    ):
+        with pytest.raises(TypeError, match=words):
+            call(spec)
+
+
+def test_settings_beside_a_preset_are_put_into_it() -> None:
+    with pytest.raises(TypeError, match=r"write nablahog\.HOG\(nablahog\.presets\.opencv\(nbins=8\)\)"):
+        HOG(presets.opencv, nbins=8)  # type: ignore[arg-type]
 
 
 ODD_IMAGES = {
@@ -81,6 +106,14 @@ def test_images_that_are_seldom_meant_are_asked_about(case: str) -> None:
     images, spec, words = ODD_IMAGES[case]
     with pytest.warns(UserWarning, match=words) as warned:
         hog(images, spec)
+    assert [warning.filename for warning in warned] == [__file__]
+
+
+@pytest.mark.parametrize("case", [case for case in ODD_IMAGES if isinstance(ODD_IMAGES[case][0], torch.Tensor)])
+def test_a_loss_asks_once_about_images_and_targets(case: str) -> None:
+    images, spec, words = ODD_IMAGES[case]
+    with pytest.warns(UserWarning, match=words) as warned:
+        HOGLoss(spec)(images, images)
     assert [warning.filename for warning in warned] == [__file__]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from typing import Any, Literal, NoReturn, TypeAlias, overload
 
 import torch
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.autograd import forward_ad
 
-from ..inputs.arrays import WHITE, ArrayImage, as_images, to_array, warn_about_levels
+from ..inputs.arrays import WHITE, ArrayImage, advise_on_levels, as_images, to_array
 from ..inputs.numbers import check_choice
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
@@ -25,7 +26,6 @@ from .steps import histograms_reference, merge_colours, normalize_reference, sep
 Backend: TypeAlias = Literal["auto", "torch", "triton"]
 ResultLayout: TypeAlias = Literal["cells", "native"]
 HALVES = (torch.float16, torch.bfloat16)
-_CALLER = 3  # frames up: that of a check, the operator, and the line that called it
 
 
 @overload
@@ -90,10 +90,9 @@ def hog(
     batch, is_single = as_images("images", images)
     is_half = batch.dtype in HALVES
     values = batch.float() if is_half and not (batch.is_cuda and _uses_triton(batch.device, backend)) else batch
-    _check(values, spec, backend)
-    values = values.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
-    if not is_traced(values):
-        warn_about_levels(values, stacklevel=_CALLER)
+    check_images(values, spec, backend)
+    for advice in advise_on_images(values, spec):
+        warnings.warn(advice, UserWarning, stacklevel=2)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)
@@ -103,8 +102,8 @@ def hog(
     return descriptor if batch is images else to_array(descriptor, is_single)
 
 
-def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
-    """Raises for images that have no descriptor, and warns of channels (B, C, H, W) that are seldom meant."""
+def check_images(images: Tensor, spec: HOGSpec, backend: Backend = "auto") -> None:
+    """Raises TypeError or ValueError unless images (B, C, H, W) have a descriptor."""
     last = images.dim() in (3, 4) and images.shape[-3] > COLOURS + 1 and images.shape[-1] in (1, COLOURS)
     if last:  # their channels would be columns, too few for a cell
         last = spec.pooling.cells(images.shape[-1], spec.cell_size[1], 1, spec.partial_cells) < 1
@@ -126,19 +125,26 @@ def _check(images: Tensor, spec: HOGSpec, backend: Backend) -> None:
         raise TypeError(f"images must be floats in 0…1, or uint8 in 0…255, got {images.dtype}{write}")
     if backend != "auto":
         check_choice("backend", backend, Backend)
-    advice_on_channels = ""
+
+
+def advise_on_images(images: Tensor, spec: HOGSpec) -> Iterator[str]:
+    """What to do with images (B, C, H, W) whose channels or levels are seldom meant; nothing while they are traced."""
+    if is_traced(images):
+        return
+    channels = images.shape[1]
     if channels == COLOURS + 1:
-        advice_on_channels = (
+        yield (
             "images have 4 channels, and each of them is described; of RGBA images drop the last, write images[:, :3], "
             "or pass a PIL image, which is put over white"
         )
     elif channels == COLOURS and makes_colours_gray(spec):
-        advice_on_channels = (
+        yield (
             "images have 3 channels, which this spec makes gray (Eq. 1); scikit-image refuses them, or takes the "
             "channel of largest gradient: write presets.skimage(channel_axis=-1) for that"
         )
-    if advice_on_channels and not is_traced(images):
-        warnings.warn(advice_on_channels, UserWarning, stacklevel=_CALLER)
+    advice = advise_on_levels(images)
+    if advice:
+        yield advice
 
 
 def makes_colours_gray(spec: HOGSpec) -> bool:
@@ -237,6 +243,7 @@ def normalize(histograms: Tensor, spec: HOGSpec) -> Tensor:
 
 def describe(images: Tensor, spec: HOGSpec, *, backend: Backend = "auto") -> Tensor:
     """Descriptors (B, rows, cols, channels) of images as :func:`hog` takes them, without its checks and warnings."""
+    images = images.resolve_neg()  # PyTorch may store a negation as a flag, which the loops do not read
     if spec.colour == "separate":
         return merge_colours(describe(separate_colours(images), spec.single_colour, backend=backend), spec)
     step = _choose_engine(images, spec, backend).describe

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Literal, NoReturn, TypeAlias
 
 import torch
 from torch import Tensor, nn
 
 from ..inputs.numbers import check_choice
-from ..inputs.tensors import advise_on_tensor, check_device
-from .descriptor import HALVES, hog
+from ..inputs.tensors import advise_on_tensor, check_dense, check_device
+from .descriptor import HALVES, advise_on_images, check_images, describe
 from .dialects import as_spec, refuse_settings
 from .spec import HOGSpec
 from .steps import normalize_reference, pooling_axes
@@ -78,7 +79,13 @@ class HOGLoss(nn.Module):
                 f"input and target must be tensors (B, C, H, W) of one shape, got {shape} and {target_shape}{write}"
             )
         check_device("target", target, "input", input)
-        descriptors, expected = (hog(x.float() if x.dtype in HALVES else x, self.spec) for x in pair)
+        pair = tuple(x.float() if x.dtype in HALVES else x for x in pair)
+        for name, images in zip(("input", "target"), pair, strict=True):
+            check_dense(name, images)
+            check_images(images, self.spec)
+        for advice in dict.fromkeys(advice for images in pair for advice in advise_on_images(images, self.spec)):
+            warnings.warn(advice, UserWarning, stacklevel=4)  # of the line that called: between are PyTorch's
+        descriptors, expected = (describe(images, self.spec) for images in pair)
         scale = torch.maximum(expected.square().sum((1, 2, 3)), self._full_weight_energy(expected))
         losses = (descriptors - expected).square().sum((1, 2, 3)) / scale
         return losses if self.reduction == "none" else getattr(losses, self.reduction)()

@@ -133,12 +133,19 @@ def as_photograph(name: str, photograph: object) -> Tensor:
 
 
 def warn_about_levels(images: Tensor, stacklevel: int) -> None:
-    """Warns of images (…, H, W) far beyond 0…1, of which some rows and columns are looked at if they are large.
+    """Warns of images far beyond 0…1."""
+    advice = advise_on_levels(images)
+    if advice:
+        warnings.warn(advice, UserWarning, stacklevel=stacklevel)
 
-    Other devices than the CPU are not waited for.
+
+def advise_on_levels(images: Tensor) -> str:
+    """What to do with images (…, H, W) far beyond 0…1; empty for others.
+
+    Some rows and columns are looked at if they are large.  Other devices than the CPU are not waited for.
     """
     if not (images.is_cpu and images.is_floating_point() and images.numel()):
-        return
+        return ""
     values = images.detach()
     try:
         if values.numel() <= FEW_VALUES:
@@ -149,15 +156,14 @@ def warn_about_levels(images: Tensor, stacklevel: int) -> None:
             largest = float(np.maximum.reduce(sample, axis=None))
             least = float(np.minimum.reduce(sample[..., ::2, ::2], axis=None))
     except (RuntimeError, TypeError):  # tensors of torch.func's transforms have no storage, and bfloat16 no array
-        return
+        return ""
     if 1 + LEVEL_OVERSHOOT < largest < math.inf or -math.inf < least < -LEVEL_UNDERSHOOT:
-        warnings.warn(
+        return (
             "images of floats have values far beyond 0…1, where 1 is white: divide those in 0…255 by 255, or pass "
             "uint8; of those in -1…1, pass (images + 1) / 2; and pass images of a network as they were before their "
-            "mean was subtracted",
-            UserWarning,
-            stacklevel=stacklevel,
+            "mean was subtracted"
         )
+    return ""
 
 
 def as_gray(name: str, image: object) -> NDArray[np.float64]:
