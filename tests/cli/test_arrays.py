@@ -62,7 +62,11 @@ BAD: dict[str, tuple[Callable[[Path], Any], str]] = {
         "pickled objects, which are never loaded",
     ),
     "too large": (lambda path: np.save(path, np.full((31, 6, 8), 1e300)), "must fit float32"),
-    "another shape": (lambda path: np.save(path, np.zeros((6, 8, 32))), "this fits --preset dpm, or --preset piotr"),
+    "another shape": (
+        lambda path: np.save(path, np.random.default_rng(0).random((6, 8, 32)) - 0.5),
+        "this fits --preset dpm, or --preset piotr",
+    ),
+    "constant": (lambda path: np.save(path, np.zeros(3780)), "its numbers are all equal"),
 }
 
 

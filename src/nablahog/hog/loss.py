@@ -79,13 +79,13 @@ class HOGLoss(nn.Module):
                 f"input and target must be tensors (B, C, H, W) of one shape, got {shape} and {target_shape}{write}"
             )
         check_device("target", target, "input", input)
-        pair = tuple(x.float() if x.dtype in HALVES else x for x in pair)
-        for name, images in zip(("input", "target"), pair, strict=True):
+        values = [x.float() if x.dtype in HALVES else x for x in pair]
+        for name, images in zip(("input", "target"), values, strict=True):
             check_dense(name, images)
             check_images(images, self.spec)
-        for advice in dict.fromkeys(advice for images in pair for advice in advise_on_images(images, self.spec)):
+        for advice in dict.fromkeys(advice for images in values for advice in advise_on_images(images, self.spec)):
             warnings.warn(advice, UserWarning, stacklevel=4)  # of the line that called: between are PyTorch's
-        descriptors, expected = (describe(images, self.spec) for images in pair)
+        descriptors, expected = (describe(images, self.spec) for images in values)
         scale = torch.maximum(expected.square().sum((1, 2, 3)), self._full_weight_energy(expected))
         losses = (descriptors - expected).square().sum((1, 2, 3)) / scale
         return losses if self.reduction == "none" else getattr(losses, self.reduction)()

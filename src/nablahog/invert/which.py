@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch.nn.functional import normalize
 
+from ..hog.normalizers.base import Identity
 from ..hog.steps import split_colours
 from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
@@ -20,7 +21,7 @@ from .candidates import WINDOWED, Candidate, Parameters, check_dialects, describ
 from .preimage import reconstruct
 from .windows import describe_seams, find_windows
 
-EQUAL = "its numbers are all equal, as no descriptor's of a photograph are"
+CONSTANT = "its numbers are all equal, which says nothing about where they are from"
 MOST_NAMED = 3  # candidates in a summary
 NOTHING_FITS = "no preset fits; `dialects` tries other parameters, such as {'skimage': {'pixels_per_cell': (16, 16)}}"
 CLIPPED = (0.2, 0.4)  # the largest entries of dialects that clip, which tell a factor
@@ -41,8 +42,9 @@ class WhichHOG:
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
         assumed: what no check tells of the first, as a sentence, if it was decided and there is something.
-        remark: why nothing was decided, as a sentence, of numbers that are scaled or all equal, or that look like
-            several descriptors in one row.
+        remark: why nothing was decided, as a sentence, of numbers that are scaled, in reverse order or all equal, or
+            that look like several descriptors in one row.  Of scaled and reversed ones, the candidates are those of the
+            numbers as they were before.
     """
 
     candidates: tuple[Candidate, ...]
@@ -59,7 +61,9 @@ class WhichHOG:
         likely = self.candidates[: min(self.likely or MOST_NAMED, MOST_NAMED)]
         more = f", … ({len(self.candidates)} in all)" if len(self.candidates) > len(likely) else ""
         remark = f"; {self.remark}" if self.remark else ""
-        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely) or NOTHING_FITS}{more}{remark}>"
+        if not likely:
+            return f"<WhichHOG undecided: {self.remark or NOTHING_FITS}>"
+        return f"<WhichHOG undecided: {', or '.join(each.summary for each in likely)}{more}{remark}>"
 
 
 def which_hog(
@@ -109,12 +113,13 @@ def which_hog(
             f"{shortened(dialects)}: write {{'uoctti': {{}}}} of one"
         )
     check_dialects(dialects or {})
+    if array.size > 1 and (array == array.flat[0]).all():
+        return WhichHOG((), remark=CONSTANT)
     size = None if image_size is None else as_size("image_size", image_size)
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_rank_by_shape)
     # no descriptor has negative entries, and one that is 0 satisfies all
     if not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
-        equal = array.size > 1 and bool((array == array.flat[0]).all())
-        return WhichHOG(tuple(fitting), remark=EQUAL if equal else "")
+        return WhichHOG(tuple(fitting))
     windows = [each for each in fitting if each.count > 1] if is_row(array.shape) else []
     known = ({WINDOWED: {}} if dialects is None else dialects).get(WINDOWED)
     any_size = None if size is not None or "win_size" in (known or ()) else known
@@ -142,7 +147,11 @@ def which_hog(
         decided_by = f"{decided_by}, and {shared}" if identities or len(overlapping) > 1 else shared
     ranked = (*remaining, *excluded)
     if not is_known:
-        return WhichHOG(ranked, len(ranked), remark=_remark_on_scale(checked, fitting))
+        remark, original = _restore(array, checked, fitting)
+        if original is None:
+            return WhichHOG(ranked, len(ranked), remark=remark)
+        # something exact holds of it, so that nothing is restored again
+        return replace(which_hog(original, image_size, dialects=dialects), decided_by="", assumed="", remark=remark)
     # windows without blocks in common look like one image of all their columns
     is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
     single = is_row(checked.shape) and remaining[0].count == 1
@@ -163,27 +172,25 @@ Checked = tuple[list[Candidate], list[Candidate], str]
 
 def _check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
     """Leaves those of which most identities of their normalisers hold, and none fails."""
-    precision = np.finfo(np.float16 if array.dtype == np.float16 else np.float32).eps
-    tolerance = ROUNDING * float(precision)
-    checks = in_threads(lambda k: _identities_that_hold(array, candidates[k], tolerance), len(candidates))
+    checks = in_threads(lambda k: _identities_that_hold(array, candidates[k]), len(candidates))
     possible = [
         (candidate, holding) for candidate, holding in zip(candidates, checks, strict=True) if holding is not None
     ]
     most = max((len(holding) for _, holding in possible), default=0)
     best = [(candidate, holding) for candidate, holding in possible if len(holding) == most]
-    exact = [sentence for sentence, share in best[0][1] if share] if best else []
+    exact = [identity.sentence for identity in best[0][1] if identity.share] if best else []
     remaining = [candidate for candidate, _ in best] or candidates
     excluded = [candidate for candidate, holding in possible if len(holding) < most]
     return remaining, excluded, ", and ".join(dict.fromkeys(exact))
 
 
-def _identities_that_hold(
-    array: NDArray[np.floating], candidate: Candidate, tolerance: float
-) -> list[tuple[str, float]] | None:
-    """The sentences of the identities that hold, with their shares; None if one does not."""
+def _identities_that_hold(array: NDArray[np.floating], candidate: Candidate) -> list[Identity] | None:
+    """The identities that hold, without their errors; None if one does not."""
+    precision = np.finfo(np.float16 if array.dtype == np.float16 else np.float32).eps
+    tolerance = ROUNDING * float(precision)
     spec = candidate.spec.single_colour
     channels = split_colours(candidate.descriptors(array), candidate.spec).permute(0, 3, 1, 2)
-    holding: list[tuple[str, float]] = []
+    holding: list[Identity] = []
     for identity in spec.normalizer.identities(channels, spec.bins, spec.signed, tolerance):
         if not identity.errors.numel():
             continue
@@ -191,20 +198,33 @@ def _identities_that_hold(
         if share < identity.share:
             return None
         if share and not identity.is_bound:
-            holding.append((identity.sentence, identity.share))
+            holding.append(identity._replace(errors=torch.empty(0)))
     return holding
 
 
-def _remark_on_scale(array: NDArray[np.floating], candidates: list[Candidate]) -> str:
-    """By what the numbers are to be divided for a dialect to hold exactly; empty if there is no such factor."""
-    largest = float(array.max())
-    if float(array.min()) == largest:
-        return EQUAL
+def _restore(
+    array: NDArray[np.floating], checked: NDArray[np.floating], candidates: list[Candidate]
+) -> tuple[str, NDArray[np.floating] | None]:
+    """What the numbers look like, as a sentence, and the array before it was scaled or reversed, if that holds exactly.
+
+    Only the part that is ``checked`` decides.
+    """
+    largest = float(checked.max())
     for factor in (255.0, *(largest / clipped for clipped in CLIPPED)):
-        remaining, _, identities = _check_identities(np.asarray(array / factor, np.float32), candidates)
-        if identities:
-            return f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
-    return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else ""
+        scaled = np.asarray(checked / factor, np.float32)
+        remaining, _, identities = _check_identities(scaled, candidates)
+        if identities and _has_scale(scaled, remaining[0]):
+            sentence = f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
+            return sentence, np.asarray(array / factor, np.float32)
+    remaining, _, identities = _check_identities(checked[..., ::-1], candidates)
+    if identities:
+        return f"in reverse order they may be {remaining[0].summary}: {identities}", array[..., ::-1]
+    return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else "", None
+
+
+def _has_scale(array: NDArray[np.floating], candidate: Candidate) -> bool:
+    """Whether something holds that would not of multiples: what adds up does at any scale."""
+    return any(identity.has_scale for identity in _identities_that_hold(array, candidate) or ())
 
 
 def _check_layout(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:

@@ -87,7 +87,7 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
     else:
         refusal = InputError("an array does not say which library it is from", "preset")
     found = find_which(array, request)
-    if request.preset is None and request.settings and not found.candidates:
+    if request.preset is None and request.settings and not found.candidates and not found.remark:
         asked = ", ".join(f"{key}={value}" for key, value in request.settings.items())
         raise InputError(f"no preset with {asked} makes descriptors of the shape {array.shape}", "descriptor")
     if not found.decided_by:
@@ -160,9 +160,10 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
 
 def _remark_on_numbers(array: NDArray[np.floating], fitting: Sequence[Suggestion]) -> str:
     """Why the checks do not tell what an array is, if they know."""
-    if not fitting:
-        return "no preset with its usual parameters makes such an array: `settings` says other parameters"
-    return which_hog(array).remark
+    remark = which_hog(array).remark
+    if fitting or remark:
+        return remark
+    return "no preset with its usual parameters makes such an array: `settings` says other parameters"
 
 
 def _may_be_weights(array: NDArray[np.floating]) -> bool:

@@ -132,7 +132,8 @@ class BlockNorm(Normalizer):
                 if float((clips.abs() <= tolerance).double().mean()) >= CLIPPED_SHARE:
                     yield Identity(f"the largest entries were clipped at {self.clip:g}", clips, share=CLIPPED_SHARE)
                 tied = 0.0  # ε makes faint blocks so short that nothing is clipped
-            yield Identity("the largest entries of blocks are equal, as clipped ones", ties, share=tied)
+            sentence = "the largest entries of blocks are equal, as clipped ones"
+            yield Identity(sentence, ties, share=tied, has_scale=False)
         if self.step == (1, 1) != self.block:
             yield from self._shared_cells(channels, bins)
 
@@ -163,7 +164,8 @@ class BlockNorm(Normalizer):
                 for start in (0, 1)
             ]
             errors = proportion_errors(*rows_of_cells)
-            yield Identity("cells that neighbouring blocks share are proportional", errors.flatten(), share=0.99)
+            sentence = "cells that neighbouring blocks share are proportional"
+            yield Identity(sentence, errors.flatten(), share=0.99, has_scale=False)
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """All fields; the form by its number."""

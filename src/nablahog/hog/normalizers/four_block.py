@@ -184,7 +184,7 @@ class FourBlockNorm(Normalizer):
         """Entries are at most twice the clip; opposite directions, textures and the squares of blocks add up."""
         parts, most = self.split(channels, bins, signed), 2 * self.clip
         if "zero" in parts:
-            yield Identity("the last channel is 0", parts["zero"].abs())
+            yield Identity("the last channel is 0", parts["zero"].abs(), has_scale=False)
         for name in ("directed", "undirected"):
             if name in parts:
                 excess = parts[name] - most
@@ -194,7 +194,8 @@ class FourBlockNorm(Normalizer):
         if {"directed", "undirected"} <= {*parts}:
             first, second, both = *parts["directed"].chunk(2, dim=1), parts["undirected"]
             free = (both > 0) & (both < self.clip / 2 - tolerance)  # else it may be clipped in one of the blocks
-            yield Identity("opposite directions add up, where they are not clipped", (first + second - both)[free])
+            errors = (first + second - both)[free]
+            yield Identity("opposite directions add up, where they are not clipped", errors, has_scale=False)
         if "blocks" in parts:
             excess = parts["blocks"] - self.clip
             yield Identity(f"no entry exceeds {self.clip:g}", excess.clamp(min=0), is_bound=True)
@@ -206,7 +207,8 @@ class FourBlockNorm(Normalizer):
             which = "19 … 27" if self.texture == "vlfeat" else "1 … 18"
             if bins != 18:
                 which = "of all orientations" if self.texture == "vlfeat" else "of all directions"
-            yield Identity(f"texture adds up to the sum of channels {which}", totals.sum(1) - 2 * summed.sum(1))
+            errors = totals.sum(1) - 2 * summed.sum(1)
+            yield Identity(f"texture adds up to the sum of channels {which}", errors, has_scale=False)
             yield from self._block_squares(summed, totals, tolerance)
         if self.outside == "missing":
             yield from self._edges(channels)
@@ -240,7 +242,7 @@ class FourBlockNorm(Normalizer):
         histograms = blocks.reshape(batch, len(BLOCK_NAMES), -1, rows, cols).movedim(2, -1)
         first, second = histograms[:, :1].expand_as(histograms[:, 1:]), histograms[:, 1:]
         errors = proportion_errors(first.flatten(0, 3), second.flatten(0, 3), self.clip, self.clip)
-        return Identity("what four blocks make of a cell is proportional", errors, share=0.99)
+        return Identity("what four blocks make of a cell is proportional", errors, share=0.99, has_scale=False)
 
     def _edges(self, channels: Tensor) -> Iterator[Identity]:
         """Cells at the border lie in two blocks, those in corners in one."""
