@@ -11,7 +11,7 @@ import torch
 from hypothesis import settings
 
 from nablahog import native, presets
-from nablahog.paper.baselines.bovw import learn_bovw
+from nablahog.paper.baselines.bovw_learning import learn_bovw
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
 from nablahog.runtime.pytorch import load_forward_mode
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -24,10 +23,9 @@ class Learner:
     Attributes:
         model: its class.
         learn: from gray photographs (H, W), float32 in 0…1, by name, and a spec, to a model.  Its keyword arguments are
-            ``progress``, ``checkpoint`` if it can be resumed, and its own.
+            ``progress``, ``checkpoint``, a file from which an interrupted learning is resumed, and its own.
         check: raises ValueError for a spec that it cannot be learned for.
         least: (height, width) of the smallest image.
-        resumes: whether an interrupted learning is resumed from its checkpoint.
         tile: pixels of the side of all images; None if it is free.
     """
 
@@ -35,16 +33,13 @@ class Learner:
     learn: Callable[..., LearnedModel]
     check: Callable[[HOGSpec], object] = lambda spec: None
     least: Callable[[HOGSpec], tuple[int, int]] = lambda spec: spec.cell_size
-    resumes: bool = False
     tile: int | None = None
 
     def learn_to(
         self, output: Path, images: Mapping[str, Tensor], spec: HOGSpec, progress: Progress, **options: Any
     ) -> LearnedModel:
         """Learns a model and saves it in the file ``output``, with a checkpoint beside it meanwhile."""
-        with checkpoint_for(output) if self.resumes else nullcontext() as checkpoint:
-            if self.resumes:
-                options["checkpoint"] = checkpoint
-            model = self.learn(images, spec, progress=progress, **options)
+        with checkpoint_for(output) as checkpoint:
+            model = self.learn(images, spec, progress=progress, checkpoint=checkpoint, **options)
             model.save(output)
         return model

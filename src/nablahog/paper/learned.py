@@ -16,7 +16,8 @@ from ..io.learned_model import load_once
 from ..io.learner import Learner, Progress
 from ..io.photographs import sample_photographs
 from ..runtime.cache import cache_folder, code_key
-from .baselines.bovw import BoVW, learn_bovw
+from .baselines.bovw import BoVW
+from .baselines.bovw_learning import learn_bovw
 from .baselines.hoggles import PairedDictionary, check_cells, patch_size
 from .baselines.hoggles_learning import learn_hoggles
 from .names import PRIORS
@@ -28,7 +29,7 @@ SPEC: HOGSpec = presets.uoctti()
 LEARNED = {
     "prior": PRIOR_LEARNER,
     "unsigned-prior": PRIOR_LEARNER,
-    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size, resumes=True),
+    "hoggles": Learner(PairedDictionary, learn_hoggles, check_cells, patch_size),
     "bovw": Learner(
         BoVW, lambda images, spec, **options: learn_bovw(images, **options), least=lambda spec: (1, 1), tile=128
     ),

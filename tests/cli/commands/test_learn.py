@@ -142,7 +142,7 @@ def test_interrupted_and_repeated(
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(learn, "counter", lambda name: nullcontext(stop))
+        patched.setattr(learn, "counter", lambda name, items: nullcontext(stop))
         assert main([*command, str(out)]) == 130
     assert names(tmp_path) == ["images", "undisturbed.npz", "x.npz.checkpoint"]
     assert len(torch.load(checkpoint, weights_only=True)["losses"]) == 2

@@ -11,9 +11,11 @@ import torch
 from torch import Tensor
 
 from nablahog.metrics import cross_correlation
-from nablahog.paper.baselines.bovw import ROUNDS, BoVW, learn_bovw
+from nablahog.paper.baselines.bovw import BoVW
+from nablahog.paper.baselines.bovw_learning import ROUNDS, learn_bovw
 from nablahog.paper.baselines.dense_sift import dense_sift
 
+from ...interruption import Interruption
 from ...invert.photographs import photograph
 from ...io import tiny_models
 from ...io.archives import check_refused
@@ -93,6 +95,22 @@ def test_the_seed_decides(learned: BoVW) -> None:
     assert not torch.equal(_learned(seed=1).patches[:20], learned.patches[:20])
     changed = _images() | {"brick": photograph(64, "coins")[0, 0]}
     assert _learned(changed).learning.sha256 != learned.learning.sha256
+
+
+def test_an_interrupted_learning_is_resumed(learned: BoVW, tmp_path: Path) -> None:
+    checkpoint = tmp_path / "checkpoint"
+    with pytest.raises(KeyboardInterrupt):
+        _learned(checkpoint=checkpoint, progress=Interruption(at=8))
+    rest = Interruption()
+    resumed = _learned(checkpoint=checkpoint, progress=rest)
+    assert rest.steps == [0, *range(8, ROUNDS + 3)]
+    for name in ("vocabulary", "patches", "database"):
+        assert torch.equal(getattr(resumed, name), getattr(learned, name))
+    with pytest.raises(ValueError, match=r"another training \(with other cell\)"):
+        _learned(checkpoint=checkpoint, cell=5)
+    checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
+    with pytest.raises(ValueError, match="damaged"):
+        _learned(checkpoint=checkpoint)
 
 
 def test_words_that_nothing_is_are_left_out() -> None:

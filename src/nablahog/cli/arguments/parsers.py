@@ -36,7 +36,8 @@ _DESCRIPTIONS = {
     "al. do. This takes about half an hour on one core. The state is saved in FILE.npz.checkpoint every 20 of 1000 "
     "iterations; an interrupted run is resumed from it when it is repeated, and it is removed at the end.",
     "bovw": "Learns visual words, their gray patches and their arrangements from images of one size, which is the size "
-    "of the images that can be reconstructed.",
+    "of the images that can be reconstructed. The state after each round of k-means is saved in FILE.npz.checkpoint, "
+    "as for a prior.",
 }
 _OUTPUTS = {"prior": "the prior", "background": "the background", "hoggles": "the dictionaries", "bovw": "the words"}
 TABLE1_SIZE = 128  # that of the paper's images

@@ -24,7 +24,7 @@ from ..terminal import counter, say, say_ignored
 
 
 def learn(arguments: Namespace) -> None:
-    """Learns a model of ``arguments.kind``; an interrupted run is resumed where the model has a checkpoint."""
+    """Learns a model of ``arguments.kind``; an interrupted run is resumed."""
     learner, output = _learner(arguments.kind), Path(arguments.output)
     noun = learner.model.NOUN
     if output.suffix.lower() != ".npz" or output.is_dir():
@@ -44,7 +44,7 @@ def learn(arguments: Namespace) -> None:
 
 def _learner(kind: str) -> Learner:
     if kind == "background":
-        return Learner(Background, learn_background, check_spec, least_size, resumes=True)
+        return Learner(Background, learn_background, check_spec, least_size)
     return LEARNED[kind]
 
 

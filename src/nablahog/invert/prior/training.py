@@ -155,9 +155,7 @@ def train_prior(
     return prior if prior.signed else calibrate(prior, training.held_out)
 
 
-PRIOR_LEARNER = Learner(
-    LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2, resumes=True
-)
+PRIOR_LEARNER = Learner(LearnedPrior, train_prior, network_class, lambda spec: (least_side(spec.cell_size[0]),) * 2)
 """How `nablahog learn prior` learns."""
 
 
