@@ -103,6 +103,10 @@ def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.npy"))
     page.until("!document.querySelector('#question').hidden")
     assert "which library" in page.text("#question")
+    page.enter("#question-settings", "depth=3")
+    page.read("document.querySelector('#question').requestSubmit()")
+    page.until("document.querySelector('#alert').textContent.includes('depth')")
+    page.enter("#question-settings", "")  # of the form, which is still there
     page.read("document.querySelector('#question').requestSubmit()")
     page.until("document.querySelector('#shape').textContent.includes('paper')")
     page.idle()

@@ -9,7 +9,7 @@ import { clear, element, fill, make } from "./dom.js";
  * @param {import("./types.js").Question} question
  * @param {Answers} before what was answered already
  * @param {import("./types.js").About} about
- * @param {(answers: Answers) => void} send
+ * @param {(answers: Answers) => void} send the form stays until a file is opened: an answer may be refused
  */
 export function ask(sentence, question, before, about, send) {
   const form = element("question", HTMLFormElement);
@@ -44,7 +44,6 @@ export function ask(sentence, question, before, about, send) {
   form.onsubmit = (event) => {
     event.preventDefault();
     for (const read of reads) read();
-    close();
     send(answers);
   };
   cancel.addEventListener("click", close);
@@ -63,7 +62,7 @@ function explain(sentence, { keys, weights, fitting }) {
   if (keys) return "It holds several arrays: choose one.";
   const seems = weights ? " It seems to hold the weights of a detector." : "";
   return `${sentence}.${seems} ` + (fitting.length ? "Presets that fit its shape come first, the likeliest on top."
-    : "Enter the size of its image or its parameters, or save it by nablahog.save_descriptor, which keeps all of them, and open that file.");
+    : "Enter what you know, or save it by nablahog.save_descriptor, which keeps everything, and open that file.");
 }
 
 /** @param {import("./types.js").FittingPreset} fit */
