@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage import data
 
+from nablahog import hog, presets
 from nablahog.compat.opencv import HOGDescriptor
 
 cv2 = pytest.importorskip("cv2")
@@ -104,7 +105,7 @@ def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
     win_stride=st.none() | st.tuples(stride, stride),
     padding=st.none() | st.tuples(st.integers(-4, 40), st.integers(-4, 40)),
     colour=st.booleans(),
-    levels=st.sampled_from([4, 256]),
+    levels=st.sampled_from([2, 4, 256]),
 )
 @settings(max_examples=150)
 def test_photographs(
@@ -122,12 +123,16 @@ def test_photographs(
     colour: bool,
     levels: int,
 ) -> None:
-    """All sizes are (width, height)."""
+    """By the class and, of one window, by the preset.  All sizes are (width, height)."""
     block = (cell[0] * cells[0], cell[1] * cells[1])
     window = (block[0] + step[0] * steps[0], block[1] + step[1] * steps[1])
     image = crop(seed, window[1] + spare[1], window[0] + spare[0], colour, levels)
     arguments = (window, block, step, cell, nbins, 1, sigma, 0, 0.2, flags[0], 64, flags[1])
     assert_same(arguments, image, win_stride, padding)
+    image = np.ascontiguousarray(image[: window[1], : window[0]])
+    spec = presets.opencv(*arguments[:5], win_sigma=sigma, gamma=flags[0], signed=flags[1])
+    expected = cv2.HOGDescriptor(*arguments).compute(image)
+    np.testing.assert_allclose(hog(image, spec, layout="native"), expected, rtol=0, atol=1e-5)
 
 
 @given(

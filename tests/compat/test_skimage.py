@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from skimage import data, feature, transform
 
+import nablahog
+from nablahog import presets
 from nablahog.compat.skimage import hog
 
 # scikit-image adds the votes of a cell in float32; the more pixels it has, the further that is from the sum
@@ -85,6 +87,24 @@ def test_photographs(
         channel_axis=-1 if colour else None,
         **options,
     )
+
+
+@given(
+    seed=st.integers(0, 99),
+    orientations=st.integers(3, 16),
+    pixels_per_cell=sides,
+    cells_per_block=blocks,
+    block_norm=st.sampled_from(NORMS),
+    transform_sqrt=st.booleans(),
+    channel_axis=st.sampled_from([None, -1]),
+)
+def test_the_preset(seed: int, **options: Any) -> None:
+    """Of noise, where nothing hangs on rounding."""
+    shape = (40, 37) if options["channel_axis"] is None else (40, 37, 3)
+    image = np.random.default_rng(seed).random(shape)
+    preset = presets.skimage(**options, value_range=1.0)
+    expected = feature.hog(image, **options)
+    assert_allclose(nablahog.hog(image, preset, layout="native"), expected, rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.parametrize("dtype", TYPES, ids=str)
