@@ -38,7 +38,7 @@ DEFINITIONS = {
     **{name: text for name, text in metrics.DEFINITIONS.items() if name != "CC"},
     "mean, interval, median": "Over the images that the method has a result for and the measure is defined for; their "
     f"number is n. The interval holds the mean with 95 %: percentile bootstrap, {RESAMPLES:,} resamples of the images "
-    "with a fixed seed.",
+    "with a fixed seed. Of a few images it is too narrow.",
     "paper": "The mean that the paper prints, over the 101 images of its own, by measures of the same names that it "
     "does not define; a dash where it prints none.",
     "multi-scale": "Begins with an image of 1/64 of the pixels, with cells of 1/8 of the sides, and enlarges it in "

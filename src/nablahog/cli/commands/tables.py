@@ -91,6 +91,7 @@ def table2(arguments: Namespace) -> None:
         write_table2(folder, table)
         write_text(folder / "index.html", table2_page.page(table, settings))
     say(table.examples.origin)
+    say("Percent of azimuths that are right, by equal intervals (the paper's in brackets) and by the error:")
     print_table(table2_page.terminal_rows(table))
     print_table(table2_page.terminal_rotations(table))
     if table.conditions:
