@@ -132,7 +132,17 @@ def test_only_the_tables_know_the_paper() -> None:
 
 def test_the_command_goes_one_way() -> None:
     """Arguments know nothing else, inputs no results, and nothing but the entrance knows the commands."""
-    order = ("errors.py", "terminal.py", "arguments", "inputs.py", "image_lists.py", "results", "commands", "main.py")
+    order = (
+        "errors.py",
+        "terminal.py",
+        "interruption.py",
+        "arguments",
+        "inputs.py",
+        "image_lists.py",
+        "results",
+        "commands",
+        "main.py",
+    )
     wrong = [
         f"src/nablahog/{source}:{line} imports {target}: in cli/, each may import only what is before it in {order}"
         for source, line, target in ARROWS

@@ -6,6 +6,8 @@ from __future__ import annotations
 import os
 import sys
 
+from .cli.interruption import end_at_interrupt
+
 
 def main() -> int:
     """Runs the command; Ctrl-C while modules are imported prints no traceback, either."""
@@ -13,16 +15,13 @@ def main() -> int:
         from multiprocessing import freeze_support
 
         freeze_support()
+    end_at_interrupt()
     # threads that wait actively take many times as long if other programs use the processors;
     # OpenMP reads this when PyTorch is loaded
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    try:
-        from .cli.main import main as run
+    from .cli.main import main as run
 
-        return run()
-    except KeyboardInterrupt:
-        print("nablahog: error: interrupted", file=sys.stderr)
-        return 130
+    return run()
 
 
 if __name__ == "__main__":

@@ -45,6 +45,28 @@ def test_work_that_fails(
     refused("invert", photo, "-o", str(tmp_path / "out"), message=message, status=status)
 
 
+INTERRUPTED_IMPORT = """import os, signal, sys
+from nablahog.__main__ import main
+class Finder:  # an import in which KeyboardInterrupt is lost, as in NumPy's __getattr__
+    def find_spec(name, path, target=None):
+        if name == "numpy":
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                for _ in range(1000):
+                    pass
+            except KeyboardInterrupt:
+                raise RecursionError
+sys.meta_path.insert(0, Finder)
+sys.argv = ["nablahog", "hog", "cat.png", "-o", "cat.npz"]
+sys.exit(main())"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a process cannot send itself Ctrl-C there")
+def test_ctrl_c_in_an_import_ends_the_command() -> None:
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "nablahog: error: interrupted\n")
+
+
 def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Image.fromarray(CHELSEA[:, :48]).save(tmp_path / "in" / "second.png")
     real, calls = invert.invert_batch, []

@@ -19,10 +19,10 @@ from .arguments import options
 from .arguments.options import Parser
 from .arguments.parsers import KINDS, demo, glyph, hog, invert, learn, pose, table1, table2
 from .errors import tell, word_error
+from .interruption import INTERRUPTED, raise_at_interrupt
 
 PORT = 8765
 LAST_PORT = 65535
-INTERRUPTED = 130  # what shells report of a command ended by Ctrl-C
 _COMMANDS = {
     "hog": ".commands.hog",
     "glyph": ".commands.hog",
@@ -122,6 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         be_quiet(arguments.quiet)
         run = getattr(import_module(_COMMANDS[command], __package__), command.split()[0])
+        raise_at_interrupt()  # from here on results may be half done
         status = run(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
     except KeyboardInterrupt:
