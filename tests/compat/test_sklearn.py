@@ -134,9 +134,19 @@ def test_lists_are_described_as_their_images(name: str) -> None:
     np.testing.assert_allclose(HOGTransformer("paper").fit_transform(LISTS[name](IMAGES)), expected, rtol=0, atol=1e-6)
 
 
-def test_images_of_another_size_than_in_fit_are_refused() -> None:
-    """Its rows would have another length; some pixels less than a cell give the same."""
-    fitted = HOGTransformer().fit(IMAGES)
-    assert fitted.transform(IMAGES[:, :22]).shape == (2, fitted.n_features_out_)
-    with pytest.raises(ValueError, match=f"{fitted.n_features_out_} features, as in fit, .* of 24x16 pixels"):
-        fitted.transform(IMAGES[:, :, :16])
+@pytest.mark.parametrize("image_size", [None, (24, 32)])
+def test_images_of_another_shape_than_in_fit_are_refused(image_size: Any) -> None:
+    """Their rows can be as long, and mean something else."""
+    fitted = HOGTransformer("paper", image_size=image_size).fit(IMAGES if image_size is None else IMAGES.reshape(2, -1))
+    others = IMAGES.swapaxes(1, 2), IMAGES[..., :1], IMAGES[:, :22], IMAGES[:, :, :16]
+    for images in others if image_size is None else [IMAGES[..., 0].reshape(2, -1)]:
+        with pytest.raises(ValueError, match=r"^X has .* but HOGTransformer is expecting"):
+            fitted.transform(images)
+    if image_size is not None:
+        with pytest.raises(ValueError, match=r"images of shape \(32, 24, 3\), .* expecting \(24, 32, 3\) as in fit"):
+            fitted.set_params(image_size=image_size[::-1]).transform(IMAGES.reshape(2, -1))
+
+
+@pytest.mark.parametrize(("dtype", "expected"), [("f2", "f8"), ("f4", "f4"), ("f8", "f8"), ("u1", "f4")])
+def test_dtypes(dtype: str, expected: str) -> None:
+    assert HOGTransformer("paper").fit_transform((IMAGES / 255).astype(dtype)).dtype == expected

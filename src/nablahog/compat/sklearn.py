@@ -25,7 +25,7 @@ _OWN = ("spec", "image_size", "layout")
 
 
 class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
-    """A scikit-learn transformer: images to rows of HOG features.  It learns nothing but the number of features.
+    """A scikit-learn transformer: images to rows of HOG features.  It learns nothing but the shape of the images.
 
     Args:
         spec: the dialect, or the name of a preset.
@@ -34,9 +34,14 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         layout: ``"cells"`` or ``"native"``, the order of the features of an image.
         **parameters: of the preset, such as ``pixels_per_cell=(4, 4)`` with ``"skimage"``; a grid search can vary them.
 
+    Attributes:
+        image_shape_: (height, width, channels) of the images in ``fit``, which those in ``transform`` must have, too.
+        n_features_out_: the number of features of an image.
+
     Raises:
         TypeError, ValueError: by its methods, if their input is no batch of images of one size, or not of
-            ``image_size``, or not finite; or if the preset does not have the parameters.
+            ``image_size``, or of another shape than in ``fit``, or not finite; or if the preset does not have the
+            parameters.
 
     >>> from nablahog.compat.sklearn import HOGTransformer
     >>> images = np.zeros((2, 32, 32, 3), np.uint8)
@@ -110,22 +115,27 @@ class HOGTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         """
         images = self._images(X)
         validate_data(self, images if self.image_size is None else X, reset=True, skip_check_array=True)
+        self.image_shape_ = images.shape[1:]
         self.n_features_out_ = self._described(images[:1]).shape[1]
         return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any]:
-        """The descriptors (N, features), of the dtype of the images (the default dtype of PyTorch for uint8)."""
+        """The descriptors (N, features) of images of the shape of those in ``fit``.
+
+        In float32 for images in float32, the default dtype of PyTorch for uint8, and float64 for other floats.
+        """
         check_is_fitted(self)
         images = self._images(X)
         if self.image_size is not None:
             validate_data(self, X, reset=False, skip_check_array=True)  # names and number of columns
-        descriptors = self._described(images)
-        if descriptors.shape[1] != self.n_features_out_:
+        if images.shape[1:] != self.image_shape_:
+            height, width, channels = self.image_shape_
             raise ValueError(
-                f"X must have images with {self.n_features_out_} features, as in fit, got {descriptors.shape[1]}, of "
-                f"{images.shape[1]}x{images.shape[2]} pixels: resize them to the size of those"
+                f"X has images of shape {images.shape[1:]}, but HOGTransformer is expecting {self.image_shape_} as in "
+                f"fit: write image.convert('{'L' if channels == 1 else 'RGB'}').resize(({width}, {height})) of each as "
+                "a PIL image, or fit again"
             )
-        return descriptors
+        return self._described(images)
 
     def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
         """``hog0``, ``hog1`` and so on."""

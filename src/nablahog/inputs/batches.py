@@ -13,7 +13,7 @@ from .pil_images import is_pil, pil_pixels
 
 
 def as_batch(name: str, images: object) -> NDArray[Any]:
-    """Images (B, H, W, C) of one size, finite, float32, float64 or uint8, of an array or a list of them.
+    """Images (B, H, W, C) of one size, finite, of an array or a list: uint8, float32, or float64 for other floats.
 
     Args:
         name: of the argument.
