@@ -18,7 +18,6 @@ from scipy.io import savemat
 from nablahog import presets
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.io.arrays import write_arrays
-from nablahog.paper.baselines.exemplar_views import ExemplarViews
 from tests.io.dpm_models import model
 from tests.io.tiny_models import models
 from tests.render.mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, as_bytes, triangle_glb
@@ -106,17 +105,7 @@ def _descriptors(path: Path) -> Iterator[Seed]:
 
 
 def _learned(path: Path) -> Iterator[Seed]:
-    few = {
-        "weights": torch.rand(3, 2, 2, 31).half().float(),
-        "scale": torch.ones(3),
-        "offset": torch.zeros(3),
-        "level": torch.tensor([0, 1, 2]),
-        "positions": torch.ones(3, 2, dtype=torch.int64),
-        "first": torch.tensor([0, 1, 3]),
-        "boxes": torch.rand(2, 4),
-        "viewpoints": torch.rand(2, 2),
-    }
-    for name, each in {**models(), "views": ExemplarViews(**few)}.items():
+    for name, each in models().items():
         each.save(path)
         yield Seed(name, ".npz", "zip", path.read_bytes())
 

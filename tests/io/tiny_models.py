@@ -13,6 +13,7 @@ from nablahog.invert.prior.provenance import NetworkLearning
 from nablahog.invert.prior.signed_network import Architecture
 from nablahog.io.learned_model import LearnedModel, count_weights
 from nablahog.paper.baselines.bovw import BoVW, BoVWLearning
+from nablahog.paper.baselines.exemplar_views import ExemplarViews
 from nablahog.paper.baselines.hoggles import HogglesLearning, PairedDictionary
 from nablahog.pose.whitening import Background
 
@@ -57,6 +58,13 @@ def background() -> Background:
     return Background(spec, torch.ones(3, dtype=torch.float64), covariance, ("a", "b"), 0.1 + 0.2)
 
 
+def views() -> ExemplarViews:
+    """Of two viewpoints, with one element and with two."""
+    elements = torch.rand(3, 2, 2, 31).half().float(), torch.ones(3), torch.zeros(3), torch.tensor([0, 1, 2])
+    places = torch.ones(3, 2, dtype=torch.int64), torch.tensor([0, 1, 3])
+    return ExemplarViews(*elements, *places, torch.rand(2, 4), torch.rand(2, 2))
+
+
 def models() -> dict[str, LearnedModel]:
-    makers = (prior, background, hoggles, bovw)
+    makers = (prior, background, hoggles, bovw, views)
     return {maker.__name__: maker() for maker in makers}

@@ -13,15 +13,15 @@ from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
-from nablahog.jobs.worker import DIED, attempt, local_path, store_files
+from nablahog.jobs.worker import DIED, local_path, store_files
 
 from ..paper.common import job
 from ..paper.fakes import DARK, KILLED, MISTAKEN
+from .test_runner import check_as_alone
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask's own sockets
@@ -48,17 +48,10 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     python = [sys.executable, "-m"]
     path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # workers import the fakes
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": path}
-    address = [
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--dashboard-address",
-        "127.0.0.1:0",
-        "--scheduler-file",
-        str(file),
-    ]
-    dask_scheduler = subprocess.Popen([*python, "distributed.cli.dask_scheduler", *address], cwd=folder, **quiet)  # type: ignore[call-overload]
+    address = ["--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0", "--scheduler-file"]
+    dask_scheduler = subprocess.Popen(  # type: ignore[call-overload]
+        [*python, "distributed.cli.dask_scheduler", *address, str(file)], cwd=folder, **quiet
+    )
     dask_worker = subprocess.Popen(  # type: ignore[call-overload]
         [*python, "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-dashboard"],
         cwd=folder,
@@ -83,11 +76,7 @@ def test_deaths_and_failures() -> None:
     output = dict(run_on_cluster(jobs, cluster="local:1"))
     assert sorted(output) == [0, 1, 2, 3]
     for index in (0, 3):
-        alone, result = attempt(jobs[index]), output[index]
-        assert isinstance(result, JobResult)
-        assert isinstance(alone, JobResult)
-        assert result.figures == alone.figures
-        assert np.array_equal(result.pictures, alone.pictures)
+        check_as_alone(jobs[index], output[index])
     assert output[1] == DIED
     assert str(output[2]).startswith("KeyError at fakes.py:")
 

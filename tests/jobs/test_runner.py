@@ -19,6 +19,7 @@ from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import DIED, attempt, cores
 from nablahog.paper.methods import ReconstructionMethod
+from nablahog.paper.table1 import ReconstructionJob
 
 from ..paper.common import job
 from ..paper.fakes import DARK, HUNGRY, KILLED, KILLED_ONCE, MISTAKEN, SILENT
@@ -36,6 +37,15 @@ def test_reasons(method: ReconstructionMethod, reason: str) -> None:
     assert str(attempt(job(method))).startswith(reason)
 
 
+def check_as_alone(job: ReconstructionJob, result: JobResult | str) -> None:
+    """Checks the result of a job in another process against that in this one."""
+    alone = attempt(job)
+    assert isinstance(result, JobResult)
+    assert isinstance(alone, JobResult)
+    assert result.figures == alone.figures
+    assert np.array_equal(result.pictures, alone.pictures)
+
+
 def test_deaths_and_failures(tmp_path: Path) -> None:
     jobs = [
         job(DARK),
@@ -49,11 +59,7 @@ def test_deaths_and_failures(tmp_path: Path) -> None:
     assert begun == [0, 1, 2, 3, 4, 1, 2]  # what died is tried again in the end
     assert not multiprocessing.active_children()
     for index in (0, 4):
-        alone, result = attempt(jobs[index]), output[index]
-        assert isinstance(result, JobResult)
-        assert isinstance(alone, JobResult)
-        assert result.figures == alone.figures
-        assert np.array_equal(result.pictures, alone.pictures)
+        check_as_alone(jobs[index], output[index])
     assert output[2] == DIED
     assert isinstance(output[1], JobResult)
     assert output[1].figures[0]["distance"] == 1  # its number of threads
@@ -68,11 +74,15 @@ def test_a_death_beside_others() -> None:
     assert all(isinstance(result, JobResult) for result in output.values())
 
 
-def test_left_early() -> None:
+def test_left_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No worker is left, and the parent is as before."""
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with closing(run_jobs([job(DARK, seed=seed) for seed in range(3)], workers=1)) as outcomes:
         next(outcomes)
         assert len(multiprocessing.active_children()) == 1
     assert not multiprocessing.active_children()
+    assert "OMP_NUM_THREADS" not in os.environ
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_workers_that_do_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,13 +90,6 @@ def test_workers_that_do_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ChildProcessError, match="end before they have started"):
         dict(run_jobs([job(DARK)], workers=2))
     assert not multiprocessing.active_children()
-
-
-def test_the_parent_is_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    assert len(list(run_jobs([job(DARK)], workers=1))) == 1
-    assert "OMP_NUM_THREADS" not in os.environ
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -46,10 +46,6 @@ def test_without_the_own_model() -> None:
         photograph_examples(result.objects[:1], [CADS[1]], origin="", unknown_model=True, seed=0)
 
 
-def test_no_pose_is_given_of_photographs() -> None:
-    assert [each.initial for each in _photographed("02", None).objects] == [None, None]
-
-
 def test_photographs_under_a_condition() -> None:
     plain, rough = _photographed("02", None), _photographed("02", None, condition="sides-10")
     assert [each.name for each in rough.objects] == ["sides-10/a#0", "sides-10/a#1"]

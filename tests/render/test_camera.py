@@ -11,11 +11,10 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog import native
-from nablahog.render import Camera, Renderer, pose, pose_jacobian, pose_vjp
+from nablahog.render import Camera, pose, pose_jacobian, pose_vjp
 from nablahog.render.camera import check_poses, pose_velocities, rotation_matrices, rotations, to_camera, to_screen
-from nablahog.render.renderer import EdgeMethod
 
-from .shapes import box, poses
+from .shapes import poses
 
 CAMERA = Camera(100.0, 60, 80)
 ANY_POSE = st.tuples(
@@ -99,16 +98,3 @@ def test_the_vjp_is_the_adjoint_of_the_jacobian(
         torch.stack([grad_image, 2 * grad_image])
     )
     assert_close(mapped, torch.stack([expected, 2 * expected]), rtol=tolerance, atol=10 * tolerance)
-
-
-@pytest.mark.parametrize("method", ["edges", "opendr"])
-def test_reverse_mode_of_a_renderer_is_this_vjp(method: EdgeMethod) -> None:
-    renderer = Renderer(box(), SMALL, method=method, supersampling=2)
-    where, background, grad_image = poses(3, 2.6), torch.rand(1, 1, 20, 30), torch.randn(3, 20, 30)
-    rendering = renderer.render(where, background[:, 0], derivative=True)
-    expected = pose_vjp(grad_image, rendering.screen_gradient, where, SMALL)
-    followed = where.clone().requires_grad_()
-    images = renderer(followed, background)[:, 0]
-    assert_close(images, rendering.image.clamp(0, 1), rtol=0, atol=0)
-    (reverse,) = torch.autograd.grad((images * grad_image).sum(), followed)
-    assert_close(reverse, expected.double())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -109,34 +110,24 @@ def test_pytorch3d_straight_from_above_and_below(elevation: float) -> None:
 
 
 R, T = (torch.tensor(part)[None] for part in look_at(30, 20, 3))
+SQUARE = Camera.from_field_of_view(40, 64, 64)
 
 
 @pytest.mark.parametrize(
-    ("rotation", "translation", "fov", "message"),
+    ("convert", "message"),
     [
-        (R * torch.tensor([-1.0, 1, 1]), T, 60, "R must be rotations"),
-        (R, T + torch.tensor([0.5, 0, 0]), 60, "must look at the origin"),
-        (R, T[:, :2], 60, r"T must be a tensor \(1, 3\)"),
+        (lambda: from_pytorch3d(R * torch.tensor([-1.0, 1, 1]), T, 60, 64, 64), "R must be rotations"),
+        (lambda: from_pytorch3d(R, T + torch.tensor([0.5, 0, 0]), 60, 64, 64), "must look at the origin"),
+        (lambda: from_pytorch3d(R, T[:, :2], 60, 64, 64), r"T must be a tensor \(1, 3\)"),
+        (lambda: to_pytorch3d(pose(0, x=1), SQUARE), "x and y must be 0"),
+        (lambda: to_pascal3d(pose(0).expand(2, 6), SQUARE), "one pose"),
+        (lambda: from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64), "distances above 0"),  # a coarse viewpoint
+        (lambda: from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64), "focal, in pixels"),
     ],
 )
-def test_no_pytorch3d_camera(rotation: Tensor, translation: Tensor, fov: float, message: str) -> None:
+def test_what_has_no_camera_or_cannot_be_said(convert: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        from_pytorch3d(rotation, translation, fov, 64, 64)
-
-
-def test_what_cannot_be_said_in_other_conventions() -> None:
-    camera = Camera.from_field_of_view(40, 64, 64)
-    with pytest.raises(ValueError, match="x and y must be 0"):
-        to_pytorch3d(pose(0, x=1), camera)
-    with pytest.raises(ValueError, match="one pose"):
-        to_pascal3d(pose(0).expand(2, 6), camera)
-
-
-def test_coarse_viewpoints_of_pascal3d_have_no_camera() -> None:
-    with pytest.raises(ValueError, match="distances above 0"):
-        from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64)
-    with pytest.raises(ValueError, match="focal, in pixels"):
-        from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64)
+        convert()
 
 
 SOLID = torch.rand(20, 3, dtype=torch.float64) - 0.5

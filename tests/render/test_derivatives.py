@@ -87,6 +87,18 @@ def test_by_brightness_and_background(one: Mesh) -> None:
     assert_close(slope(by_background, picture, direction), expected)
 
 
+def test_by_a_background_of_one_level() -> None:
+    level = torch.tensor(0.5, dtype=torch.float64, requires_grad=True)
+    render(TRIANGLE, AT, CAMERA, background=level).sum().backward()
+    bright, dark = (render(TRIANGLE, AT, CAMERA, background=behind).double().sum() for behind in (0.6, 0.4))
+    assert_close(level.grad, (bright - dark) / 0.2, rtol=1e-4, atol=0)
+
+
+def test_poses_cannot_be_mapped_over() -> None:
+    with pytest.raises(ValueError, match="outside of"):
+        torch.func.vmap(lambda at: render(TRIANGLE, at[None], CAMERA))(AT)
+
+
 @methods
 def test_forward_is_reverse(method: EdgeMethod) -> None:
     """⟨w, J t⟩ = ⟨Jᵀ w, t⟩ for all that makes an image, together; by function transforms and by dual numbers."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from trimesh.exchange.stl import export_stl_ascii
 from nablahog.io.input_file import InputFile
 from nablahog.render import load_mesh
 
-from .mesh_files import CORNERS, CUBE_OFF, QUADS, VERTICES_OBJ, as_bytes, glb, triangle_glb, write
+from .mesh_files import CORNERS, CUBE_OFF, QUADS, VERTICES_OBJ, Glb, as_bytes, glb, surface_area, triangle_glb, write
 
 OFF_BODY = "\n".join([*CORNERS, *(f"4 {quad}" for quad in QUADS)]) + "\n"
 OFF_COUNTS = "8 6 0\n"
@@ -61,6 +62,8 @@ def _binary_ply(order: str) -> bytes:
     ("name", "content", "brightness"),
     [
         ("glued.off", "OFF8 6 0\n" + OFF_BODY, 0.8),  # as ModelNet has it
+        ("counts_beside.off", CUBE_OFF.replace("OFF\n", "OFF "), 0.8),
+        ("latin.off", b"# si\xe8ge\n" + CUBE_OFF.encode(), 0.8),
         ("marked.off", "\ufeff" + CUBE_OFF, 0.8),
         ("without_keyword.off", OFF_COUNTS + OFF_BODY, 0.8),
         ("lower.off", "off\n" + OFF_COUNTS + OFF_BODY, 0.8),
@@ -69,6 +72,8 @@ def _binary_ply(order: str) -> bytes:
         ("without_edges.off", "OFF # remark\n\n8 6\n" + OFF_BODY, 0.8),
         ("normals.off", "NOFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 0 0 1"), 0.8),
         ("both.off", "CNOFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 0 0 1 255 0 0 255"), RED),
+        ("colours.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 51 51 51"), 0.2),
+        ("directions.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 0 -1 0"), 0.8),  # no colours
         ("faces.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 255 0 0"), RED),
         ("fractions.off", "OFF\r\n8 6 0\r\n" + _rows(CORNERS, of_faces=" 1.0 0.0 0.0 0.5"), RED),
         ("a_table.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 3"), 0.8),
@@ -128,9 +133,7 @@ def test_a_concave_face_covers_no_more_than_itself(tmp_path: Path, kind: str) ->
         + "\n4 0 1 2 3\n",
     }
     mesh = load_mesh(write(tmp_path, f"a.{kind}", text[kind]), up="z")
-    edges = mesh.vertices[mesh.faces] - mesh.vertices[mesh.faces[:, :1]]
-    area = torch.linalg.cross(edges[:, 1], edges[:, 2]).norm(dim=1).sum() / 2
-    assert float(area) == pytest.approx(1.5 / 8)  # the box is 2x2
+    assert surface_area(mesh) == pytest.approx(1.5 / 8)  # the box is 2x2
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -224,49 +227,30 @@ def test_scenes_of_another_program(tmp_path: Path, name: str, kind: str) -> None
     torch.testing.assert_close(mesh.brightness, gray, atol=2e-3, rtol=0)
 
 
-def _scene(mode: int, indices: list[int], sparse: bool) -> tuple[dict[str, Any], bytes]:
-    places = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]], "<f4")
-    parts = [places.tobytes(), np.array(indices, "<u2").tobytes(), np.array([3, 0], "<u2").tobytes()]
-    parts += [np.array([[4, 2, 0]], "<f4").tobytes()]
-    starts = np.cumsum([0, *map(len, parts)]).tolist()
-    accessors: list[dict[str, Any]] = [
-        {"componentType": 5126, "type": "VEC3", "count": 4, "bufferView": 0},
-        {"componentType": 5123, "type": "SCALAR", "count": len(indices), "bufferView": 1},
-    ]
+def _rectangle(mode: int = 4, indices: Sequence[int] = (0, 1, 2, 1, 3, 2), sparse: bool = False) -> Glb:
+    """Of 2x1; with ``sparse`` its last corner is not at (2, 1), but at (4, 2)."""
+    model = Glb([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0]], mode=mode)
+    model.primitive["indices"] = model.add(np.array(indices, "<u2")[:, None])
     if sparse:
-        at = {"bufferView": 2, "componentType": 5123}
-        accessors[0]["sparse"] = {"count": 1, "indices": at, "values": {"bufferView": 3}}
-    views = [
-        {"buffer": 0, "byteOffset": start, "byteLength": len(part)} for start, part in zip(starts, parts, strict=False)
-    ]
-    header = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": mode}]}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": starts[-1]}],
-    }
-    return header, b"".join(parts)
+        at = {"bufferView": model.view(np.array([3], "<u2")), "componentType": 5123}
+        moved = {"bufferView": model.view(np.array([[4, 2, 0]], "<f4"))}
+        model.header["accessors"][0]["sparse"] = {"count": 1, "indices": at, "values": moved}
+    return model
 
 
 @pytest.mark.parametrize(("mode", "indices"), [(4, [0, 1, 2, 1, 3, 2]), (5, [0, 1, 2, 3]), (6, [0, 1, 3, 2])])
 @pytest.mark.parametrize("sparse", [False, True])
 def test_strips_fans_and_sparse_places(tmp_path: Path, mode: int, indices: list[int], sparse: bool) -> None:
-    mesh = load_mesh(write(tmp_path, "a.glb", glb(*_scene(mode, indices, sparse))))
-    edges = mesh.vertices[mesh.faces] - mesh.vertices[mesh.faces[:, :1]]
-    area = torch.linalg.cross(edges[:, 1], edges[:, 2]).norm(dim=1).sum() / 2
+    mesh = load_mesh(write(tmp_path, "a.glb", _rectangle(mode, indices, sparse).data()))
     # a rectangle of 2x1, or with its corner (2, 1) at (4, 2) a kite of twice the area
-    assert float(area) == pytest.approx(4 / 20 if sparse else 2 / 5)
+    assert surface_area(mesh) == pytest.approx(4 / 20 if sparse else 2 / 5)
 
 
 def test_extensions_that_change_what_numbers_mean_are_refused(tmp_path: Path) -> None:
-    header, binary = _scene(4, [0, 1, 2], sparse=False)
-    harmless = write(tmp_path, "a.glb", glb({**header, "extensionsRequired": ["KHR_materials_unlit"]}, binary))
+    harmless = write(tmp_path, "a.glb", triangle_glb(extensionsRequired=["KHR_materials_unlit"]))
     assert len(load_mesh(harmless).faces) == 1
     with pytest.raises(ValueError, match="EXT_unheard_of"):
-        load_mesh(write(tmp_path, "b.glb", glb({**header, "extensionsRequired": ["EXT_unheard_of"]}, binary)))
+        load_mesh(write(tmp_path, "b.glb", triangle_glb(extensionsRequired=["EXT_unheard_of"])))
 
 
 WHITE_BELOW = [[0] * 4] * 2 + [[255] * 4] * 2  # of a texture, whose first row is v = 0
@@ -288,57 +272,38 @@ WHITE_BELOW = [[0] * 4] * 2 + [[255] * 4] * 2  # of a texture, whose first row i
 def test_places_in_the_texture_of_a_glb(
     tmp_path: Path, texture: dict[str, Any], sets: list[float], kind: str, brightness: float, inside: bool
 ) -> None:
-    header, binary = _scene(4, [0, 1, 2, 1, 3, 2], sparse=False)
-    file = io.BytesIO()
+    model, file = _rectangle(), io.BytesIO()
     Image.fromarray(np.array(WHITE_BELOW, np.uint8)).save(tmp_path / "w.png")
     Image.fromarray(np.array(WHITE_BELOW, np.uint8)).save(file, "PNG")
-    primitive = header["meshes"][0]["primitives"][0] | {"material": 0}
+    model.primitive["material"] = 0
     scale = 1 if kind == "<f4" else np.iinfo(kind).max
     for number, v in enumerate(sets):
         places = np.tile(np.array([0.7, v]) * scale, (4, 1)).astype(kind)
-        padding = b"\0" * (-len(binary) % 4)
-        view = {"buffer": 0, "byteOffset": len(binary + padding), "byteLength": places.nbytes}
-        binary += padding + places.tobytes()
-        primitive["attributes"][f"TEXCOORD_{number}"] = len(header["accessors"])
-        component = {"<f4": 5126, "<u2": 5123, "<u1": 5121}[kind]
-        accessor = {"componentType": component, "type": "VEC2", "count": 4, "normalized": kind != "<f4"}
-        header["accessors"].append(accessor | {"bufferView": len(header["bufferViews"])})
-        header["bufferViews"].append(view)
+        model.primitive["attributes"][f"TEXCOORD_{number}"] = model.add(places, normalized=kind != "<f4")
     url = "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
-    header |= {
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}],
-        "textures": [{"source": 0}],
-        "images": [{"uri": url if inside else "w.png"}],
-        "buffers": [{"byteLength": len(binary)}],
-        "extensionsRequired": ["KHR_texture_transform", "KHR_mesh_quantization"],
-    }
-    mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
+    content = model.data(
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}],
+        textures=[{"source": 0}],
+        images=[{"uri": url if inside else "w.png"}],
+        extensionsRequired=["KHR_texture_transform", "KHR_mesh_quantization"],
+    )
+    mesh = load_mesh(write(tmp_path, "a.glb", content))
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, brightness))
 
 
 def test_a_skeleton_moves_the_mesh_instead_of_its_node(tmp_path: Path) -> None:
     """The corners follow two joints: of one they keep their place, of the other they move by 2 y, half each by 1 y."""
-    header, binary = _scene(4, [0, 1, 2, 1, 3, 2], sparse=False)
-    joints = np.array([[0, 1, 0, 0]] * 4, "u1").tobytes()
-    weights = np.array([[1, 0, 0, 0], [1, 0, 0, 0], [0.5, 0.5, 0, 0], [0, 1, 0, 0]], "<f4").tobytes()
-    inverse = np.array([np.eye(4), np.eye(4)], "<f4").tobytes()
-    for content, component, kind in ((joints, 5121, "VEC4"), (weights, 5126, "VEC4"), (inverse, 5126, "MAT4")):
-        binary += b"\0" * (-len(binary) % 4)
-        header["accessors"].append(
-            {"componentType": component, "type": kind, "count": 2 if kind == "MAT4" else 4}
-            | {"bufferView": len(header["bufferViews"])}
-        )
-        header["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(content)})
-        binary += content
-    header["meshes"][0]["primitives"][0]["attributes"] |= {"JOINTS_0": 2, "WEIGHTS_0": 3}
-    header |= {
-        "scenes": [{"nodes": [0, 1, 2]}],
-        "nodes": [{"mesh": 0, "skin": 0, "scale": [1, 9, 1]}, {}, {"translation": [0, 2, 0]}],
-        "skins": [{"joints": [1, 2], "inverseBindMatrices": 4}],
-        "buffers": [{"byteLength": len(binary)}],
+    model = _rectangle()
+    model.primitive["attributes"] |= {
+        "JOINTS_0": model.add(np.array([[0, 1, 0, 0]] * 4, "u1")),
+        "WEIGHTS_0": model.add(np.array([[1, 0, 0, 0], [1, 0, 0, 0], [0.5, 0.5, 0, 0], [0, 1, 0, 0]], "<f4")),
     }
-    mesh = load_mesh(write(tmp_path, "a.glb", glb(header, binary)))
+    content = model.data(
+        scenes=[{"nodes": [0, 1, 2]}],
+        nodes=[{"mesh": 0, "skin": 0, "scale": [1, 9, 1]}, {}, {"translation": [0, 2, 0]}],
+        skins=[{"joints": [1, 2], "inverseBindMatrices": model.add(np.array([np.eye(4)] * 2, "<f4"))}],
+    )
+    mesh = load_mesh(write(tmp_path, "a.glb", content))
     corners = mesh.vertices[:, [0, 2]] * 13**0.5 + torch.tensor([1.0, 1.5], dtype=torch.float64)
     expected = torch.tensor([[0, 0], [2, 0], [0, 2], [2, 3]], dtype=torch.float64)
     assert float(torch.cdist(corners, expected).amin(0).max()) < 1e-6
@@ -356,12 +321,12 @@ def test_bytes_are_read_as_a_file_that_has_none_beside_it(tmp_path: Path, kind: 
 
 
 def test_older_materials_and_buffers_of_a_glb(tmp_path: Path) -> None:
-    header, binary = _scene(6, [0, 1, 3, 2], sparse=True)
-    header["meshes"][0]["primitives"][0]["material"] = 0
+    model = _rectangle(6, [0, 1, 3, 2], sparse=True)
+    model.primitive["material"] = 0
     older = {"KHR_materials_pbrSpecularGlossiness": {"diffuseFactor": [0.2, 0.2, 0.2, 1]}}
-    url = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
-    header |= {"materials": [{"extensions": older}], "buffers": [{"byteLength": len(binary), "uri": url}]}
-    del header["scenes"]
+    url = "data:application/octet-stream;base64," + base64.b64encode(model.binary).decode()
+    buffers = [{"byteLength": len(model.binary), "uri": url}]
+    header = model.header | {"scenes": None, "materials": [{"extensions": older}], "buffers": buffers}
     mesh = load_mesh(write(tmp_path, "a.glb", glb(header)))
     assert len(mesh.faces) == 2
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 import pytest
 import torch
@@ -18,6 +19,7 @@ from nablahog.render.renderer import EdgeMethod
 
 from .shapes import FLAT, box, mesh, quads
 
+Rasterizer = Callable[[Tensor, Tensor, int, int], tuple[Tensor, Tensor]]
 HEIGHT, WIDTH = 23, 31
 dtypes = pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=["float32", "float64"])
 backends = pytest.mark.parametrize("find", [rasterize, rasterize_torch], ids=["native", "torch"])
@@ -54,8 +56,7 @@ def one_by_one(points: Tensor, faces: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 @dtypes
 @backends
-def test_the_nearest_triangle_at_each_sample(find: object, dtype: torch.dtype) -> None:
-    assert callable(find)
+def test_the_nearest_triangle_at_each_sample(find: Rasterizer, dtype: torch.dtype) -> None:
     compared = 0
     for seed in range(6):
         points, faces = soup(seed)
@@ -73,9 +74,8 @@ def test_the_nearest_triangle_at_each_sample(find: object, dtype: torch.dtype) -
 
 @dtypes
 @backends
-def test_no_holes_between_triangles(find: object, dtype: torch.dtype) -> None:
+def test_no_holes_between_triangles(find: Rasterizer, dtype: torch.dtype) -> None:
     """A crumpled sheet over all of the image; in half of the cases its vertices lie on samples and between."""
-    assert callable(find)
     size = 16
     for seed in range(12):
         generator = torch.Generator().manual_seed(seed)
@@ -99,8 +99,7 @@ def triangle(w: float, size: float = 100.0) -> list[list[float]]:
 
 @dtypes
 @backends
-def test_of_equal_depths_the_first_is_seen(find: object, dtype: torch.dtype) -> None:
-    assert callable(find)
+def test_of_equal_depths_the_first_is_seen(find: Rasterizer, dtype: torch.dtype) -> None:
     small = [[3.3, 2.2, 0.3], [28.1, 4.4, 0.3], [9.9, 20.8, 0.3]]
     points = torch.tensor([small + triangle(0.3) + small], dtype=dtype)
     ids, _ = find(points, torch.arange(9).reshape(3, 3), HEIGHT, WIDTH)
@@ -111,8 +110,7 @@ def test_of_equal_depths_the_first_is_seen(find: object, dtype: torch.dtype) -> 
 
 @dtypes
 @backends
-def test_triangles_of_no_area_and_those_behind_are_not_seen(find: object, dtype: torch.dtype) -> None:
-    assert callable(find)
+def test_triangles_of_no_area_and_those_behind_are_not_seen(find: Rasterizer, dtype: torch.dtype) -> None:
     line = [[2.5, 2.5, 0.5], [9.5, 9.5, 0.5], [5.5, 5.5, 0.5]]
     points = torch.tensor(
         [line + [[5, 5, 0.5]] * 3 + triangle(-0.5) + triangle(0.0) + triangle(float("nan")) + [[3, 3, -1.0]]],

@@ -7,6 +7,8 @@ plane, the loops take the depth at the next sample.  Where a sample is right on 
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 import torch
@@ -18,7 +20,7 @@ from nablahog.render import Camera, Mesh, Renderer, pose, pose_jacobian, render
 from nablahog.render.edge_gradient import GAP, TOUCHING
 from nablahog.render.rasterize import NEAR
 from nablahog.render.renderer import EdgeMethod, Rendering
-from nablahog.render.surface import BOUNDARY
+from nablahog.render.surface import BOUNDARY, face_planes
 
 from ..chairs import chair
 from .shapes import box, cylinder, joined, poses
@@ -107,6 +109,15 @@ def test_images_of_any_size_after_each_other() -> None:
         result.append(image)
     assert torch.equal(result[0], result[2])
     assert torch.equal(result[0], result[5])
+
+
+def test_planes_of_faces_are_computed_once_for_all_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    planes = Mock(wraps=face_planes)
+    monkeypatch.setattr("nablahog.render.renderer.face_planes", planes)
+    drawn = Renderer(MESHES["box"], CAMERA)
+    for focal in (50.0, 60.0, 70.0):
+        drawn.with_camera(Camera(focal, 32, 24))(pose(20))
+    assert planes.call_count <= 1
 
 
 def test_the_result_does_not_depend_on_the_number_of_threads() -> None:

@@ -35,14 +35,6 @@ def textured(*shape: int, seed: int = 0) -> Tensor:
     return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def of_preset(image: Tensor, net: CNNHOG) -> Tensor:
-    """The dialect without the network, channels last, and as the network lays it out."""
-    spec = presets.cnn_hog(net.cell_size, orientations=net.orientations, bilinear=net.bilinear)
-    result = hog(image, spec)
-    assert torch.equal(hog(image, spec, layout="native"), result.permute(0, 3, 1, 2))
-    return result
-
-
 @pytest.mark.parametrize(("cell_size", "orientations"), [(2, 4), (8, 9)])
 @pytest.mark.parametrize("bilinear", [False, True])
 def test_the_preset_is_the_networks_dialect(cell_size: int, orientations: int, bilinear: bool) -> None:
@@ -50,7 +42,10 @@ def test_the_preset_is_the_networks_dialect(cell_size: int, orientations: int, b
     net = CNNHOG(cell_size, orientations, bilinear=bilinear)
     image = textured(2, 1, 6 * cell_size, 5 * cell_size, seed=orientations)
     tolerance = 1e-4 if bilinear else 1e-6
-    torch.testing.assert_close(of_preset(image, net), net.descriptor(image), rtol=0, atol=tolerance)
+    spec = presets.cnn_hog(cell_size, orientations=orientations, bilinear=bilinear)
+    result = hog(image, spec)
+    torch.testing.assert_close(result, net.descriptor(image), rtol=0, atol=tolerance)
+    assert torch.equal(hog(image, spec, layout="native"), result.permute(0, 3, 1, 2))  # as the network lays it out
 
 
 def test_bilinear_votes_have_their_own_derivative() -> None:
@@ -79,12 +74,6 @@ def test_a_constant_image_has_a_derivative(bilinear: bool) -> None:
     CNNHOG(8, bilinear=bilinear).descriptor(image).sum().backward()
     assert image.grad is not None
     assert torch.isfinite(image.grad).all()
-
-
-def test_contrast_and_brightness_make_no_difference_inside() -> None:
-    image, net = textured(1, 1, 48, 48), CNNHOG(8, bilinear=True)
-    one, other = (net.descriptor(of)[:, 2:-2, 2:-2] for of in (image, 0.3 * image + 0.2))
-    torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
 
 
 def test_total_variation_has_its_derivative() -> None:

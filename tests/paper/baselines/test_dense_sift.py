@@ -42,26 +42,6 @@ def test_against_a_pixelwise_reference() -> None:
     np.testing.assert_allclose(result[0, 0, 0], expected / np.linalg.norm(expected), atol=1e-12)
 
 
-@pytest.mark.parametrize(("degrees", "bins"), [(0, {0}), (45, {1}), (90, {2}), (180, {4}), (270, {6}), (22.5, {0, 1})])
-def test_a_ramp_fills_the_bins_of_its_direction(degrees: float, bins: set[int]) -> None:
-    y, x = torch.meshgrid(torch.arange(32.0), torch.arange(32.0), indexing="ij")
-    angle = math.radians(degrees)
-    ramp = 0.5 + 0.01 * ((x - 16) * math.cos(angle) + (y - 16) * math.sin(angle))
-    inner = dense_sift(ramp.double()[None, None], 4)[0, 2, 2].reshape(4, 4, 8)
-    shares = inner.sum((0, 1)) / inner.sum()
-    assert {k for k in range(8) if shares[k] > 1e-4} == bins
-    assert shares[min(bins)] == pytest.approx(1 / len(bins), abs=1e-4)
-
-
-def test_symmetries_permute() -> None:
-    image = photograph(40).double()
-    result = dense_sift(image, 4).reshape(1, 7, 7, 4, 4, 8)
-    turned = dense_sift(image.rot90(1, (2, 3)), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(turned, result.rot90(1, (1, 2)).rot90(1, (3, 4)).roll(-2, 5), atol=1e-12, rtol=0)
-    mirrored = dense_sift(image.flip(3), 4).reshape(1, 7, 7, 4, 4, 8)
-    torch.testing.assert_close(mirrored, result.flip(2, 4, 5).roll(5, 5), atol=1e-12, rtol=0)
-
-
 @pytest.mark.parametrize("cell", [4, 8])
 def test_the_least_edge_that_is_seen(cell: int) -> None:
     for levels, seen in ((1, False), (2, True)):
