@@ -10,16 +10,16 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..inputs.arrays import as_images
 from ..inputs.numbers import as_integer, as_number, check_choice, check_type
 from ..inputs.tensors import check_device, check_shape, check_values
 from ..runtime.pytorch import run_in_threads
-from .camera import Camera, check_camera, check_poses, pose_jacobian, pose_vjp
+from .camera import Camera, check_camera, check_poses
 from .mesh import Mesh, check_mesh
 from .pipeline import render_torch
+from .pose_rendering import PoseRendering
 from .surface import Edges, Light, corner_brightness, face_planes, mesh_edges, smoothing_groups
 
 _FLOATS, _INTEGERS = native.array(np.float32), native.array(np.int32)
@@ -137,8 +137,8 @@ class Renderer:
             view = poses.double(), self.camera, behind
             image = render_torch(mesh, brightness, self.edges, *view, self.supersampling, self.method)
             return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
-        inputs = poses.double(), behind, self, is_differentiated(poses)
-        return _PoseRendering.apply(*inputs)[0][:, None]  # type: ignore[no-any-return, no-untyped-call]
+        inputs = poses.double(), behind, self.render, self.camera, is_differentiated(poses)
+        return PoseRendering.apply(*inputs)[0][:, None]  # type: ignore[no-any-return, no-untyped-call]
 
     def render(self, poses: Tensor, background: float | Tensor = 1.0, *, derivative: bool) -> Rendering:
         """Images, and on request the screen gradient, which :func:`.pose_vjp` and :func:`.pose_jacobian` take.
@@ -249,44 +249,6 @@ def render(
     [256, 131]
     """
     return Renderer(mesh, camera, light=light, method=method, supersampling=supersampling)(poses, background)
-
-
-class _PoseRendering(torch.autograd.Function):
-    """Poses (B, 6), a background, a renderer, and whether poses are differentiated, to a :class:`.Rendering`."""
-
-    @staticmethod
-    def forward(poses: Tensor, background: Tensor, renderer: Renderer, derivative: bool) -> tuple[Tensor, Tensor]:
-        image, screen_gradient = renderer.render(poses, background, derivative=derivative)
-        return image.clamp_(0, 1), screen_gradient
-
-    @staticmethod
-    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
-        ctx.set_materialize_grads(False)
-        ctx.mark_non_differentiable(output[1])
-        ctx.save_for_backward(inputs[0], output[1])
-        ctx.save_for_forward(inputs[0], output[1])
-        ctx.camera = inputs[2].camera
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, grad_image: Tensor | None, _: None) -> tuple[Tensor | None, None, None, None]:
-        if grad_image is None:
-            return None, None, None, None
-        poses, screen_gradient = ctx.saved_tensors
-        return pose_vjp(grad_image, screen_gradient, poses, ctx.camera).to(poses), None, None, None
-
-    @staticmethod
-    def jvp(ctx: Any, tangent: Tensor | None, *_: None) -> tuple[Tensor | None, None]:
-        if tangent is None:
-            return None, None
-        poses, screen_gradient = ctx.saved_tensors
-        jacobian = pose_jacobian(screen_gradient, poses, ctx.camera)
-        return torch.einsum("bk,bkhw->bhw", tangent.to(jacobian), jacobian), None
-
-    @staticmethod
-    def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
-        # jacfwd maps over tangents; poses cannot be mapped over, because their numbers are read
-        return _PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]
 
 
 def silhouette(mesh: Mesh, poses: Tensor, camera: Camera, *, supersampling: int = SUPERSAMPLING) -> Tensor:
