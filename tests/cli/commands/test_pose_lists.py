@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +15,11 @@ import torch
 
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
-from nablahog.io.images import write_image
+from nablahog.cli.results.pose_pictures import SIDE, picture_size
+from nablahog.io.images import read_image, write_image
+from nablahog.io.input_file import InputFile
 from nablahog.io.lists import read_objects
+from nablahog.pose.lens import choose_lens
 from nablahog.render import load_mesh
 from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
 
@@ -76,6 +81,32 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
     for name in ("poses.csv", "poses.json"):
         for one, other in zip(read_objects(out / name), read_objects(tmp_path / "objects.csv"), strict=True):
             assert one.box == pytest.approx(other.box)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        ["--intrinsics", "300,270,92,73"],
+        ["--intrinsics", "300,300,92,73", "--distortion=-0.3,0.1,0.001,-0.002,0.01"],
+        ["--intrinsics", "300,330,60,90", "--distortion=0.2,0,0,0"],
+    ],
+    ids=["unequal focal lengths", "distortion", "both, off the middle"],
+)
+def test_poses_of_a_calibrated_camera_are_stored_and_shown(tmp_path: Path, photos: Path, camera: list[str]) -> None:
+    """The pictures on the page are of the whole undistorted photograph, beside whole close-ups."""
+    assert main(arguments(tmp_path, "--page", *camera, mesh="models/wooden.off")) in (0, 4)
+    out = tmp_path / "out"
+    rows = list(csv.DictReader((out / "poses.csv").read_text().splitlines()))
+    assert [degrees_between(float(row["azimuth"]), TRUE[row["image"]]) < 20 for row in rows] == [True, True]
+    encoded = re.findall(r"data:image/png;base64,([^\"]+)", (out / "index.html").read_text(encoding="utf-8"))
+    shown = [read_image(InputFile("shown.png", base64.b64decode(each))) for each in encoded]
+    numbers, bent = camera[1].split(","), "".join(camera[2:]).partition("=")[2]
+    distortion = tuple(map(float, bent.split(","))) if bent else None
+    photograph = read_image(photos / "a.png", as_bytes=True)
+    whole = choose_lens((150, 180), intrinsics=[*map(float, numbers)], distortion=distortion).undistort(photograph)
+    for picture, close in zip(shown[::2], shown[1::2], strict=True):
+        assert tuple(picture.shape[1:]) == picture_size(whole.shape[1:], SIDE)
+        assert tuple(close.shape[1:]) == (SIDE, SIDE)
 
 
 def test_a_run_is_resumed(tmp_path: Path, photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:

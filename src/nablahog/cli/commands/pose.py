@@ -213,7 +213,7 @@ class ObjectJob:
 
     def fits(self, result: JobResult) -> bool:
         """Whether there are figures and a picture."""
-        return len(result.figures) == 1 and result.pictures.shape[1:] == joined_shape(result.figures[0]["image_size"])
+        return len(result.figures) == 1 and result.pictures.shape[1:] == joined_shape(result.figures[0]["drawn_size"])
 
     @in_plain_mode
     def run(self, progress: Callable[[int, int, str], None] = lambda done, total, what: None) -> JobResult:
@@ -236,6 +236,7 @@ class ObjectJob:
         seconds = perf_counter() - began
         mesh = meshes[estimate.model]
         figures: dict[str, Any] = {**pose_figures(lens.report(estimate, given_box)), "seconds": round(seconds, 4)}
+        figures["drawn_size"] = [*photograph.shape[1:]]
         if request.page:
             figures["page"] = pose_page(self.listed.image, photograph, estimate, meshes, request.method, lens.camera)
         picture = join_pictures(photograph, estimate, mesh)

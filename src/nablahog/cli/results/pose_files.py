@@ -33,12 +33,14 @@ _CAMERA = ("focal_length", "focal_length_from")
 class PosedObject:
     """An object with the figures of its pose and its joined pictures, uint8; without a pose, a sentence says why.
 
-    ``page`` is HTML, if pages were asked for; ``refused`` is a pose that is less sure than was asked for.
+    ``drawn_size`` is height and width of the photograph that is drawn, which was undistorted.  ``page`` is HTML, if
+    pages were asked for; ``refused`` is a pose that is less sure than was asked for.
     """
 
     listed: AnnotatedObject
     figures: Mapping[str, Any] = field(default_factory=dict)
     picture: NDArray[Any] | None = None
+    drawn_size: Sequence[int] = ()
     page: str | None = None
     failure: str = ""
     refused: bool = False
@@ -49,9 +51,9 @@ class PosedObject:
         if isinstance(result, str):
             return cls(listed, failure=result)
         figures = dict(result.figures[0])
-        page, confidence = figures.pop("page", None), figures["confidence"]
+        page, drawn_size, confidence = figures.pop("page", None), figures.pop("drawn_size"), figures["confidence"]
         refused = confidence is not None and confidence < least_confidence
-        return cls(listed, figures, result.pictures[0], page, refused=refused)
+        return cls(listed, figures, result.pictures[0], drawn_size, page, refused=refused)
 
 
 def names(objects: Sequence[AnnotatedObject], pages: bool) -> list[str]:
@@ -162,7 +164,7 @@ def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
     for posed in objects[:SHOWN]:
         if posed.picture is not None:
             name, model = f"{posed.listed.image}, {posed.listed.id}", posed.figures["model"]
-            photograph, close = split_pictures(posed.picture / 255, posed.figures["image_size"])
+            photograph, close = split_pictures(posed.picture / 255, posed.drawn_size)
             panels.append(Panel(photograph, name, f"The photograph with the object's box and the outline of {model}"))
             panels.append(Panel(close, f"{name}, closer", f"The object in gray with the outline of {model}"))
     doubtful = [
