@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import warnings
@@ -17,49 +18,46 @@ from nablahog import HOGLoss, reconstruct
 from nablahog.hog import HOG, hog, presets
 
 SPEC = presets.paper()
-REFUSED: dict[str, tuple[type[Exception], str, Any]] = {
-    "no image": (TypeError, r"torch tensor \(B, C, H, W\), .*, got a list: write one call for each", [[0.0]]),
-    "one image": (ValueError, r"got \(3, 8, 8\): write images\[None\]", torch.zeros(3, 8, 8)),
-    "a gray plane": (ValueError, r"got \(8, 8\): write images\[None, None\]", torch.zeros(8, 8)),
-    "no channel": (ValueError, "at least one channel", torch.zeros(1, 0, 8, 8)),
-    "integers": (TypeError, r"got torch.int16; .* write images / 65535", torch.zeros(1, 1, 8, 8, dtype=torch.int16)),
-    "channels last": (ValueError, r"write images\.permute\(0, 3, 1, 2\)$", torch.zeros(2, 9, 16, 3)),
-    "channels last of one image": (ValueError, r"write images\.permute\(2, 0, 1\)\[None\]$", torch.zeros(9, 16, 3)),
-    "no row": (ValueError, "at least one cell of 8x8 pixels .* 0x8$", torch.zeros(1, 1, 0, 8)),
-    "too small": (ValueError, "at least one cell of 8x8 pixels .* 7x8$", torch.zeros(1, 1, 7, 8)),
+LEVELS = np.random.default_rng(0).integers(0, 65536, (2, 9, 16, 3), np.uint16)
+BATCH = torch.from_numpy(LEVELS / 65535).permute(0, 3, 1, 2)
+# what is not taken, and the images that are meant
+REFUSED: dict[str, tuple[Any, Any]] = {
+    "one image": (BATCH[0], BATCH[:1]),
+    "a gray plane": (BATCH[0, 0], BATCH[:1, :1]),
+    "16 bits": (torch.from_numpy(LEVELS).permute(0, 3, 1, 2), BATCH),
+    "channels last": (BATCH.permute(0, 2, 3, 1), BATCH),
+    "channels last of one image": (BATCH[0].permute(1, 2, 0), BATCH[:1]),
+    "an array with channels first": (BATCH[0].numpy(), BATCH[:1]),
+    "arrays with channels first": (BATCH.numpy(), BATCH),
+    "arrays of gray images": (BATCH[:, 0].numpy(), BATCH[:, :1]),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_hog_refuses(case: str) -> None:
-    error, words, images = REFUSED[case]
-    with pytest.raises(error, match=words) as raised:
+def test_what_is_to_be_written_is_right(case: str) -> None:
+    """The end of the sentence is Python."""
+    images, meant = REFUSED[case]
+    with pytest.raises((TypeError, ValueError), match=r"^[^\n]+$") as raised:
         hog(images, SPEC)
-    assert "\n" not in str(raised.value)
+    (code,) = re.findall(r"(?:write |last, )([^;:]*?\S)(?= for |$|;)", str(raised.value))
+    written = eval(code, {"images": images, "array": images, "np": np})
+    np.testing.assert_allclose(np.asarray(hog(written, SPEC)).reshape(len(meant), 1, 2, 9), hog(meant, SPEC), atol=1e-5)
 
 
-@pytest.mark.parametrize("channels", [1, 3])
-def test_what_is_to_be_written_is_right(channels: int) -> None:
-    levels = np.random.default_rng(0).integers(0, 65536, (2, 9, 16, channels), np.uint16)
-    images = torch.from_numpy(levels) / 65535
-    expected = hog(images.permute(0, 3, 1, 2), SPEC)
-    torch.testing.assert_close(torch.from_numpy(hog(levels / 65535, SPEC)).float(), expected)
-    torch.testing.assert_close(hog(images[0].permute(2, 0, 1)[None], SPEC), expected[:1])
-    listed = [hog(each, SPEC) for each in levels / 65535]
-    np.testing.assert_array_equal(listed, hog(np.stack(list(levels)) / 65535, SPEC))
+@pytest.mark.parametrize("shape", [(1, 0, 8, 8), (1, 1, 0, 8), (1, 1, 7, 8)])
+def test_images_without_a_cell_or_a_channel_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="at least one c"):
+        hog(torch.zeros(shape), SPEC)
 
 
 def test_other_options_are_refused() -> None:
     images: Any = torch.zeros(1, 1, 8, 8)
     for make in (lambda: hog(images, "Skimage"), lambda: HOG("Skimage")):
-        with pytest.raises(
-            ValueError, match=r"^spec must be a HOGSpec or one of aubry, .*, got 'Skimage'; did you mean 'skimage'\?$"
-        ):
+        with pytest.raises(ValueError, match=r"'Skimage'; did you mean 'skimage'\?$"):
             make()
-    with pytest.raises(ValueError, match=r"^layout must be one of 'cells', 'native', got 'planes'$"):
-        hog(images, "paper", layout="planes")  # type: ignore[call-overload]
-    with pytest.raises(ValueError, match=r"^backend must be one of 'auto', 'torch', 'triton', got 'cpu'$"):
-        hog(images, "paper", backend="cpu")  # type: ignore[call-overload]
+    for options in ({"layout": "planes"}, {"backend": "cpu"}):
+        with pytest.raises(ValueError, match=r"^(layout|backend) must be one of "):
+            hog(images, "paper", **options)  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize(
