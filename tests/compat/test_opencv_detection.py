@@ -243,15 +243,6 @@ def test_options_are_refused(options: dict[str, Any], error: type[Exception], wo
         both(PEOPLE)[0].detectMultiScale(np.zeros((128, 64), np.uint8), **options)
 
 
-def test_images_are_refused() -> None:
-    ours, _ = both(PEOPLE)
-    for method in (ours.detect, ours.detectMultiScale):
-        with pytest.raises(TypeError, match="uint8, got float64"):
-            method(np.zeros((128, 64)))
-        with pytest.raises(ValueError, match="a window of 64x128 pixels"):
-            method(np.zeros((100, 64), np.uint8))
-
-
 @pytest.mark.parametrize(
     ("detector", "error", "words"),
     [

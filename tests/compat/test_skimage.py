@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from skimage import data, feature, transform
@@ -169,9 +169,8 @@ def test_roots_of_negative_values_are_nan_with_a_warning() -> None:
     assert np.isfinite(result[0]).any()
 
 
-@example(dtype=torch.float32, colour=True)
-@given(dtype=st.sampled_from([torch.uint8, torch.float16, torch.float32, torch.float64]), colour=st.booleans())
-@settings(max_examples=5)
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float16, torch.float32, torch.float64])
+@pytest.mark.parametrize("colour", [False, True])
 def test_tensors_are_described_as_arrays_are(dtype: torch.dtype, colour: bool) -> None:
     image = torch.from_numpy(crop(5, 50, 60)).to(dtype)
     image, axis = (image, -1) if colour else (image[..., 0], None)

@@ -145,9 +145,9 @@ def end(process: BaseProcess, by: signal.Signals) -> None:
         time.sleep(0.01)
 
 
-def stored(folder: Path) -> dict[str, int]:
-    """Results of a table that are done, with the times they were written."""
-    return {path.name: path.stat().st_mtime_ns for path in folder.glob("out/work/*/*.npz")}
+def times(folder: Path, parts_of_it: str) -> dict[str, int]:
+    """When each part that is done was written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob(parts_of_it)}
 
 
 def children(process: int | None) -> list[int]:
@@ -169,52 +169,35 @@ def test_killed_commands(case: tuple[str, list[float]]) -> None:
     check(case)
 
 
-def test_a_table_that_is_interrupted_and_then_killed() -> None:
-    """Once some results are done: nothing is done twice, and in the end the tables are those of an undisturbed run."""
+@pytest.mark.parametrize(
+    ("command", "parts_of_it", "count"),
+    [("table1", "out/work/*/*.npz", 6), ("dataset", "out.parquet/part-*.parquet", 600)],
+)
+def test_interrupted_and_then_killed(command: str, parts_of_it: str, count: int) -> None:
+    """Once some parts are done: nothing is done twice, and in the end the results are those of an undisturbed run."""
     folder, done = new_folder(), dict[str, int]()
     for by, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
-        process = forking.Process(target=run, args=(folder, COMMANDS["table1"]))
+        process = forking.Process(target=run, args=(folder, COMMANDS[command]))
         process.start()
-        while len(stored(folder)) == len(done) and process.is_alive():
-            time.sleep(0.005)
+        while len(times(folder, parts_of_it)) == len(done) and process.is_alive():
+            time.sleep(0.001)
         end(process, by)
         assert process.exitcode == status
         if by == signal.SIGINT:
-            assert (folder / "printed").read_text() == "nablahog table1: error: interrupted\n"
-        assert done.items() < stored(folder).items()
-        done = stored(folder)
-        assert len(done) < 6
-        assert os.listdir(folder / "out") == ["work"]
-    finish(folder, "table1")
-    assert done.items() < stored(folder).items()
-    assert results(folder) == undisturbed("table1")[1]
-
-
-def test_a_data_set_that_is_interrupted_and_then_killed() -> None:
-    """Once some shards are done: it is refused, nothing is done twice, and in the end it is an undisturbed run's."""
-    folder, done = new_folder(), dict[str, int]()
-    for by in (signal.SIGINT, signal.SIGKILL):
-        process = forking.Process(target=run, args=(folder, COMMANDS["dataset"]))
-        process.start()
-        while len(shards(folder)) == len(done) and process.is_alive():
-            time.sleep(0.001)
-        end(process, by)
-        assert done.items() < shards(folder).items()
-        done = shards(folder)
-        with pytest.raises(ValueError, match="of 600 images are not there"):
-            DescriptorDataset(str(folder / "out.parquet"))
-        if by == signal.SIGINT:
+            assert (folder / "printed").read_text().endswith(": error: interrupted\n")
             assert not list(folder.rglob("*.part"))
+        assert done.items() < times(folder, parts_of_it).items()
+        done = times(folder, parts_of_it)
+        assert len(done) < count
+        if command == "table1":
+            assert os.listdir(folder / "out") == ["work"]
+        else:
+            with pytest.raises(ValueError, match="of 600 images are not there"):
+                DescriptorDataset(str(folder / "out.parquet"))
     abandon_parts(folder)
-    finish(folder, "dataset")
-    assert done.items() < shards(folder).items()
-    assert results(folder) == undisturbed("dataset")[1]
-    assert len(DescriptorDataset(str(folder / "out.parquet"))) == 600
-
-
-def shards(folder: Path) -> dict[str, int]:
-    """Shards that are done, with the times they were written."""
-    return {path.name: path.stat().st_mtime_ns for path in folder.glob("out.parquet/part-*.parquet")}
+    finish(folder, command)
+    assert done.items() < times(folder, parts_of_it).items()
+    assert results(folder) == undisturbed(command)[1]
 
 
 @pytest.mark.slow

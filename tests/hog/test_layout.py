@@ -89,8 +89,3 @@ def test_names_say_what_a_channel_is() -> None:
         "always 0",
     )
     assert channel_names("maskfeat")[9] == "green, 80°"
-
-
-def test_the_error_of_a_detector_names_its_bias() -> None:
-    with pytest.raises(ValueError, match=r"bias.*descriptor\[\.\.\., :-1\]$"):
-        from_layout(torch.zeros(1, 3781), "opencv", (128, 64))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import pytest
@@ -12,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.testing import assert_close
 
-from nablahog.hog import BlockCells, BlockNorm, HOGSpec, hog, presets
+from nablahog.hog import BlockCells, BlockNorm, hog, presets
 
-from .zoo import PRESETS, SPECS, fits, integers, noise, spec
+from .zoo import PRESETS, SPECS, fits, integers, noise
 
 # --- channels and grid -----------------------------------------------------------------------------------------------
 
@@ -36,21 +35,6 @@ def test_channels() -> None:
     assert presets.opencv().channels == 36
 
 
-@given(pixels=st.integers(1, 500), cell=st.integers(1, 40))
-def test_number_of_cells(pixels: int, cell: int) -> None:
-    for rule, exact in {
-        "floor": math.floor(pixels / cell),
-        "round": math.floor((pixels + cell // 2) / cell),
-        "ceil": math.ceil(pixels / cell),
-    }.items():
-        s = spec(cell_size=(cell, 1), partial_cells=rule)
-        if exact:
-            assert s.grid(pixels, 3) == (exact, 3)
-        else:
-            with pytest.raises(ValueError, match="at least one cell"):
-                s.grid(pixels, 3)
-
-
 @given(name=st.sampled_from(sorted(SPECS)), rows=st.integers(1, 6), cols=st.integers(1, 6))
 def test_image_size_is_the_way_back(name: str, rows: int, cols: int) -> None:
     assert SPECS[name].grid(*SPECS[name].image_size(rows, cols)) == (rows, cols)
@@ -64,21 +48,6 @@ def test_grid_is_that_of_the_descriptor(name: str, height: int, width: int) -> N
     else:
         with pytest.raises(ValueError, match=r"at least one (cell|block) of \d+x\d+ pixels|too few for a "):
             hog(image, s)
-
-
-@pytest.mark.parametrize(
-    ("s", "size", "message"),
-    [
-        (presets.dpm(), (19, 100), "has 2x13 cells, .* leaves the outermost out, and needs at least 3x3$"),
-        (presets.skimage(), (24, 23), "has 3x2 cells, too few for a skimage descriptor: a block has 3x3$"),
-        (presets.opencv(), (16, 15), "at least one block of 16x16 pixels .*, got an image of 16x15$"),
-        (presets.dpm(), (3, 30), "at least one cell of 8x8 pixels .*, got an image of 3x30$"),
-    ],
-)
-def test_images_too_small(s: HOGSpec, size: tuple[int, int], message: str) -> None:
-    for f in (lambda: s.grid(*size), lambda: hog(torch.zeros(1, 3, *size), s)):
-        with pytest.raises(ValueError, match=message):
-            f()
 
 
 # --- arguments -------------------------------------------------------------------------------------------------------

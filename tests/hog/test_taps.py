@@ -42,17 +42,6 @@ def test_pieces_change_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> No
         assert_close(mapped, whole[0], rtol=0, atol=1e-12 * float(whole[0].abs().max()))
 
 
-@pytest.mark.parametrize("name", SPECS)
-def test_spreading_is_the_transpose_of_pooling(name: str) -> None:
-    votes, like = noise(3, 1200), torch.empty(0, dtype=torch.float64)
-    for along in pooling_axes(SPECS[name], 1200, 1200, like):
-        values = noise(3, along.cells, seed=1)
-        assert_close((along.pool(votes, -1) * values).sum(), (votes * along.spread(values, -1)).sum())
-        assert_close(along.pool(votes.T, -2), along.pool(votes, -1).T)
-        assert_close(along.spread(values.T, -2), along.spread(values, -1).T)
-        assert_close(along.totals(), along.pool(torch.ones_like(votes[0]), -1))
-
-
 def _bytes(tables: Any) -> int:
     """Of all arrays and tensors in tables."""
     if isinstance(tables, Tensor | np.ndarray):

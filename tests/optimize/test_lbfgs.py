@@ -2,61 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from nablahog import native
-from nablahog.optimize import Minimum, ObjectiveFunction, StopReason, lbfgs
+from nablahog.optimize import StopReason, lbfgs
 from nablahog.optimize.lbfgs import NativeVectors, Vectors
 from nablahog.optimize.lbfgs_decisions import Decisions, SearchState, decide
 
 ARMIJO, CURVATURE = 1e-4, 0.9  # Nocedal & Wright, p. 62
 
 
-def problem(function: Callable[[Tensor], Tensor]) -> ObjectiveFunction:
-    """An objective from a function of points (A, N) to values (A,)."""
-
-    def objective(x: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-        x = x.detach().requires_grad_()
-        value = function(x)
-        (gradient,) = torch.autograd.grad(value.sum(), x)
-        return value.detach(), gradient
-
-    return objective
-
-
 def starts(batch: int, n: int, seed: int = 0, dtype: torch.dtype = torch.float64) -> Tensor:
     return torch.randn((batch, n), generator=torch.Generator().manual_seed(seed), dtype=dtype)
-
-
-def rosenbrock(x: Tensor) -> Tensor:
-    return (100 * (x[:, 1:] - x[:, :-1] ** 2) ** 2 + (1 - x[:, :-1]) ** 2).sum(1)
-
-
-def logistic(x: Tensor) -> Tensor:
-    return torch.nn.functional.softplus(x).sum(1) + 0.05 * x.square().sum(1)
-
-
-@pytest.mark.parametrize("n", [5, 16, 77])
-def test_each_problem_ends_where_it_would_alone(n: int) -> None:
-    start = starts(9, n) * torch.logspace(-3, 1, 9).double().unsqueeze(1)[torch.arange(9) * 4 % 9]
-
-    def result(rows: slice) -> Minimum:
-        return lbfgs(problem(logistic), start[rows], max_evaluations=200, memory=5, gradient_tolerance=1e-6)
-
-    together = result(slice(None))
-    assert len(set(together.evaluations.tolist())) > 2  # so that rows are moved into the gaps of those that ended
-    for i in range(9):
-        alone = result(slice(i, i + 1))
-        torch.testing.assert_close(together.x[i], alone.x[0])
-        assert together.stop_reason[i] == alone.stop_reason[0] == StopReason.GRADIENT
-        assert together.evaluations[i] == alone.evaluations[0]
-        torch.testing.assert_close(together.history[: len(alone.history), i], alone.history[:, 0])
-        assert (together.history[len(alone.history) :, i] == together.history[-1, i]).all()
 
 
 needs_library = pytest.mark.skipif(not native.available(), reason="needs the compiled loops")

@@ -39,29 +39,25 @@ WIDE = ("round", "beale")
 all_minimisers = pytest.mark.parametrize("name", ALL)
 
 
-@pytest.mark.parametrize(("name", "case"), [(n, c) for n in ALL for c in (CASES if n in SECOND_ORDER else WIDE)])
-def test_reaches_the_known_minimum(name: str, case: str) -> None:
-    problem, start, minimum = CASES[case].problem(), CASES[case].points(), CASES[case].minimum
-    result = ALL[name](problem, start, max_evaluations=400)
-    assert result.value < 1e-8
-    far = (result.x[0] - torch.tensor(minimum, dtype=torch.float64)).abs().max()
-    flat = case == "powell"  # whose valley is quartic
-    assert far < (1e-3 if flat else 1e-4)
-
-
 @all_minimisers
 @pytest.mark.parametrize("case", CASES)
-def test_descends_in_narrow_valleys_as_well(name: str, case: str) -> None:
+def test_reaches_the_known_minimum(name: str, case: str) -> None:
+    """Those of first order at least descend in narrow valleys."""
     result = ALL[name](CASES[case].problem(), CASES[case].points(), max_evaluations=400)
     assert result.value < 1e-3 * result.history[0]
+    if name in SECOND_ORDER or case in WIDE:
+        assert result.value < 1e-8
+        far = (result.x[0] - torch.tensor(CASES[case].minimum, dtype=torch.float64)).abs().max()
+        assert far < (1e-3 if case == "powell" else 1e-4)  # whose valley is quartic
 
 
 @all_minimisers
 def test_mixed_problems_do_not_influence_each_other(name: str) -> None:
+    """Also where rows are moved into the gaps of those that ended."""
     problem, start = mixed()
-    together = ALL[name](problem, start, max_evaluations=80)
+    together = ALL[name](problem, start, max_evaluations=80, gradient_tolerance=0.1)
     for row in range(3):
-        alone = ALL[name](only(problem, row), start[row : row + 1], max_evaluations=80)
+        alone = ALL[name](only(problem, row), start[row : row + 1], max_evaluations=80, gradient_tolerance=0.1)
         torch.testing.assert_close(together.x[row], alone.x[0], rtol=1e-6, atol=1e-9)
         assert together.evaluations[row] == alone.evaluations[0]
         assert together.stop_reason[row] == alone.stop_reason[0]

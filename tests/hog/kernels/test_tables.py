@@ -1,31 +1,41 @@
-"""The struct that Python fills in has the fields of the one that the native loops read."""
+"""The structs that Python fills in have the fields of those that the native loops read."""
 
 from __future__ import annotations
 
 import ctypes
 import re
 
+import pytest
+
 import nablahog.native
+from nablahog.compat.opencv.windows import Padded, Scheme
 from nablahog.hog.kernels.tables import AxisStruct, TablesStruct
 
-TYPES = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "double": ctypes.c_double}
+TYPES = {
+    "int64_t": ctypes.c_int64,
+    "int32_t": ctypes.c_int32,
+    "double": ctypes.c_double,
+    "float": ctypes.c_float,
+    "nablahog_axis": AxisStruct,
+    "char*": ctypes.c_char_p,
+}
+STRUCTS = {
+    "tables.h nablahog_axis": AxisStruct,
+    "tables.h nablahog_tables": TablesStruct,
+    "opencv_votes.h PaddedImage": Padded,
+    "opencv_blocks.h Scheme": Scheme,
+}
 
 
-def declared(struct: str) -> list[tuple[str, object]]:
-    """Names and types of a struct of ``tables.h``, in its order."""
-    text = (nablahog.native._SOURCES / "tables.h").read_text(encoding="utf-8")
-    found = re.search(rf"struct {struct} \{{(.*?)\}};", re.sub(r"//.*", "", text), re.DOTALL)
+@pytest.mark.parametrize("place", STRUCTS)
+def test_structs_have_the_fields_of_the_header(place: str) -> None:
+    header, name = place.split()
+    text = re.sub(r"//.*", "", (nablahog.native._SOURCES / header).read_text(encoding="utf-8"))
+    found = re.search(rf"struct {name} \{{(.*?)\}};", text, re.DOTALL)
     assert found
-    fields: list[tuple[str, object]] = []
-    for line in filter(None, map(str.strip, found[1].split(";"))):
-        kind, names = line.removeprefix("const ").removeprefix("struct ").split(" ", 1)
-        if kind.endswith("*"):
-            fields.append((names, ctypes.c_char_p if kind == "char*" else ctypes.c_void_p))
-        else:
-            fields += [(name, AxisStruct if kind == "nablahog_axis" else TYPES[kind]) for name in names.split(", ")]
-    return fields
-
-
-def test_structs_have_the_fields_of_the_header() -> None:
-    assert AxisStruct._fields_ == declared("nablahog_axis")
-    assert TablesStruct._fields_ == declared("nablahog_tables")
+    declared = re.findall(r"^  (?:const |struct )?(\w+\*?) ([\w*, ]+);", found[1], re.MULTILINE)
+    assert STRUCTS[place]._fields_ == [
+        (field.strip("* "), TYPES.get(kind, ctypes.c_void_p) if "*" not in field else ctypes.c_void_p)
+        for kind, fields in declared
+        for field in fields.split(",")
+    ]
