@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import random
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,6 +69,37 @@ def test_others_read_it(tmp_path: Path) -> None:
     table = pq.read_table(tmp_path)
     assert table["path"].to_pylist() == ["0.png", "1.png", "bad.png"]
     assert [len(each) if each else None for each in table["descriptor"].to_pylist()] == [3 * 4 * 31, 4 * 4 * 31, None]
+
+
+def test_every_flipped_bit_is_noticed_or_changes_nothing(tmp_path: Path) -> None:
+    """In pages and footer of a shard; what is noticed names the shard, or is missing to whoever completes it."""
+    expected, url, shard = rows(6), str(tmp_path), tmp_path / shard_name(0)
+    manifest = write(url, expected, 6)
+    whole, bits, noticed = shard.read_bytes(), random.Random(0), 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        damaged[bits.randrange(len(whole))] ^= 1 << bits.randrange(8)
+        shard.write_bytes(damaged)
+        if find_shards(url, manifest, whole=True) == [None]:
+            with pytest.raises(ValueError, match=shard.name):
+                list(DescriptorDataset(url))
+            noticed += 1
+            continue
+        found = list(DescriptorDataset(url))
+        for row, same in zip(found, expected, strict=True):
+            assert (row.path, row.error) == (same.path, same.error)
+            if row.stored is not None and same.stored is not None:
+                assert row.stored.image_size == same.stored.image_size
+                assert torch.equal(row.stored.descriptor, same.stored.descriptor)
+    assert noticed > 100
+
+
+def test_a_shard_without_checksums_is_read(tmp_path: Path) -> None:
+    """As earlier versions wrote them."""
+    write(str(tmp_path), rows(3), 3)
+    shard = tmp_path / shard_name(0)
+    pq.write_table(pq.read_table(shard), shard)
+    assert [row.path for row in DescriptorDataset(str(tmp_path))] == ["0.png", "1.png", "bad.png"]
 
 
 @pytest.mark.parametrize("damage", ["removed", "cut", "of other images", "of another spec"])

@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import os
 import shutil
 import tempfile
 from collections import Counter
@@ -153,7 +154,8 @@ def write_manifest(url: str, manifest: Manifest) -> None:
     facts = {"format": FORMAT, "spec": manifest.spec.to_json(), "size": manifest.size, "code": manifest.code}
     schema = SCHEMA.with_metadata({KEY: json.dumps(facts).encode()})
     with replacing_url(f"{url}/{MANIFEST}") as file:
-        pq.write_table(pa.table([list(column) for column in zip(*rows, strict=True)], schema=schema), file)
+        table = pa.table([list(column) for column in zip(*rows, strict=True)], schema=schema)
+        pq.write_table(table, file, write_page_checksum=True)
 
 
 def read_manifest(url: str) -> Manifest | None:
@@ -177,11 +179,11 @@ def read_manifest(url: str) -> Manifest | None:
 
 
 def open_parquet(file: Any) -> pq.ParquetFile:
-    """A Parquet file to be read without threads.
+    """A Parquet file to be read without threads, whose checksums are compared, if it has any.
 
     Arrow's threads read ahead into buffers of Python, and abort the process if the interpreter ends meanwhile.
     """
-    return pq.ParquetFile(file, pre_buffer=False)
+    return pq.ParquetFile(file, pre_buffer=False, page_checksum_verification=True)
 
 
 @contextmanager
@@ -192,6 +194,8 @@ def replacing_url(url: str) -> Iterator[BinaryIO]:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as local:
             yield local
+            local.flush()
+            os.fsync(local.fileno())  # or a power cut may leave an empty file
         return
     with tempfile.TemporaryFile() as file:
         yield file

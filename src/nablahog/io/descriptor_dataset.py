@@ -11,9 +11,10 @@ import bisect
 import itertools
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import fsspec
@@ -24,7 +25,7 @@ from torch import Tensor
 
 from ..hog import HOGSpec
 from ..runtime.groups import split_by_weight
-from ..runtime.text import counted, to_unicode
+from ..runtime.text import counted, one_line, to_unicode
 from .dataset_manifest import FORMAT, KEY, MANIFEST, Manifest, open_parquet, read_manifest, replacing_url
 from .descriptor_file import StoredDescriptor
 
@@ -40,7 +41,7 @@ SCHEMA = pa.schema(
     ]
 )
 """``height`` and ``width`` are of the image that is described; the descriptor is row by row, cell by cell."""
-GROUP_BYTES = 1 << 24  # of the descriptors in a row group, which is written and read as a whole
+GROUP_BYTES = 1 << 17  # of the descriptors in a row group, which is read as a whole: smaller ones take more space
 CACHED = 4  # row groups that are kept in memory
 NAMED_SHARDS = 3  # of those that are missing, in an error
 
@@ -76,7 +77,9 @@ def write_shard(url: str, rows: Iterable[Row], spec: HOGSpec, key: str) -> None:
     split = {"descriptor.list.element": "BYTE_STREAM_SPLIT"}
     with (
         replacing_url(url) as file,
-        pq.ParquetWriter(file, schema, compression="zstd", use_dictionary=False, column_encoding=split) as writer,
+        pq.ParquetWriter(
+            file, schema, compression="zstd", use_dictionary=False, column_encoding=split, write_page_checksum=True
+        ) as writer,
     ):
         for group in split_by_weight(rows, lambda row: row.bytes, most=GROUP_BYTES):
             cells = [_make_cells(row) for row in group]
@@ -104,20 +107,28 @@ class Shard:
     groups: list[int]
 
 
-def find_shards(url: str, manifest: Manifest) -> list[Shard | None]:
-    """The shards of the data set ``url``; None for those that are missing, damaged, or not of these images."""
+def find_shards(url: str, manifest: Manifest, *, whole: bool = False) -> list[Shard | None]:
+    """The shards of the data set ``url``; None for those that are missing, damaged, or not of these images.
+
+    The end of each is read, or all of it if ``whole``: then no damage passes.
+    """
     system, folder = fsspec.core.url_to_fs(url)
     files = [f"{folder.rstrip('/')}/{shard_name(number)}" for number in range(len(manifest.shards))]
-    return [_find_shard(system, file, manifest.key(number)) for number, file in enumerate(files)]
+    return [_find_shard(system, file, manifest, number, whole) for number, file in enumerate(files)]
 
 
-def _find_shard(system: Any, file: str, key: str) -> Shard | None:
+def _find_shard(system: Any, file: str, manifest: Manifest, number: int, whole: bool) -> Shard | None:
     try:
-        with system.open(file, "rb") as opened:
-            footer = pq.read_metadata(opened)
-        if json.loads(footer.metadata[KEY])["key"] != key:
-            return None
-        return Shard(file, [footer.row_group(number).num_rows for number in range(footer.num_row_groups)])
+        with system.open(file, "rb") as opened, open_parquet(opened) as shard:
+            footer = shard.metadata
+            groups = [footer.row_group(group).num_rows for group in range(footer.num_row_groups)]
+            has_columns = shard.schema_arrow.equals(SCHEMA)  # of the footer, nothing else tells that it is whole
+            key = json.loads(footer.metadata[KEY])["key"]
+            if not has_columns or key != manifest.key(number) or sum(groups) != len(manifest.shards[number]):
+                return None
+            for group in range(len(groups)) if whole else ():
+                shard.read_row_group(group, use_threads=False)
+        return Shard(file, groups)
     except Exception:  # missing, or damaged in any of many ways
         return None
 
@@ -147,7 +158,7 @@ class DescriptorDataset(Sequence[Row]):
         self._shards = _all_shards(url, manifest)
         self._groups = [(shard.file, number) for shard in self._shards for number in range(len(shard.groups))]
         self._ends = list(itertools.accumulate(rows for shard in self._shards for rows in shard.groups))
-        self._table = lru_cache(CACHED)(lambda number: self._read(*self._groups[number]))
+        self._table = lru_cache(CACHED)(self._read)
 
     def __reduce__(self) -> tuple[type[DescriptorDataset], tuple[str]]:
         """So that workers of a ``DataLoader`` open it by themselves."""
@@ -163,8 +174,9 @@ class DescriptorDataset(Sequence[Row]):
             raise IndexError(f"there is no row {index} of {len(self)}")
         index %= len(self)
         group = bisect.bisect_right(self._ends, index)
-        first = self._ends[group - 1] if group else 0
-        return self._row(self._table(group), index - first)
+        table = self._table(group)
+        with self._naming(group):
+            return self._row(table, index - self._first(group))
 
     def remove(self) -> None:
         """Removes its files, and the folder if nothing else is in it."""
@@ -176,14 +188,34 @@ class DescriptorDataset(Sequence[Row]):
 
     def errors(self) -> Iterator[tuple[str, str]]:
         """The images without a descriptor, and why; descriptors are not read."""
-        for file, group in self._groups:
-            table = self._read(file, group, ["path", "error"])
+        for group in range(len(self._groups)):
+            table = self._read(group, ["path", "error"])
             bad = table.filter(table["error"].is_valid())
             yield from zip(bad["path"].to_pylist(), bad["error"].to_pylist(), strict=True)
 
-    def _read(self, file: str, group: int, columns: list[str] | None = None) -> pa.Table:
-        with self._system.open(file, "rb") as opened, open_parquet(opened) as shard:
-            return shard.read_row_group(group, columns, use_threads=False)
+    def _first(self, group: int) -> int:
+        """The number of the first row of a row group."""
+        return self._ends[group - 1] if group else 0
+
+    def _read(self, group: int, columns: list[str] | None = None) -> pa.Table:
+        file, number = self._groups[group]
+        with self._naming(group), self._system.open(file, "rb") as opened, open_parquet(opened) as shard:
+            return shard.read_row_group(number, columns, use_threads=False)
+
+    @contextmanager
+    def _naming(self, group: int) -> Iterator[None]:
+        """Turns errors about damaged content into a ValueError that names the file and says how it is repaired."""
+        try:
+            yield
+        except (OSError, ValueError, RuntimeError) as error:
+            if getattr(error, "errno", None) is not None:  # of the disk or the network
+                raise
+            name = Path(self._groups[group][0]).name
+            raise ValueError(
+                f"{self.url.rstrip('/')}/{name} is damaged: rows {self._first(group)} to {self._ends[group] - 1} of "
+                f"all cannot be read ({one_line(error)}); remove this file, and the command that wrote it, "
+                "repeated, writes it anew"
+            ) from None
 
     def _row(self, table: pa.Table, number: int) -> Row:
         values = {name: table[name][number] for name in SCHEMA.names}

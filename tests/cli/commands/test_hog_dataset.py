@@ -91,6 +91,15 @@ def test_what_is_done_is_kept(photos: Path, tmp_path: Path, described: list[str]
     main(command)
     assert sorted(described) == ["3.png", "4.png", "5.png", "6.png", "x.png"]
     assert contents(out) == whole
+    damaged = bytearray(whole["part-000001.parquet"])
+    damaged[1000] ^= 1
+    (out / "part-000001.parquet").write_bytes(damaged)
+    with pytest.raises(ValueError, match=r"part-000001\.parquet is damaged: rows 3 to 5"):
+        list(DescriptorDataset(str(out)))
+    described.clear()
+    main(command)
+    assert described == ["3.png", "4.png", "5.png"]
+    assert contents(out) == whole
 
 
 def test_a_new_photograph_is_the_only_one_to_be_described(

@@ -38,6 +38,9 @@ def hog_dataset(arguments: Namespace) -> int:
     request, target = build_request(HogRequest, arguments), arguments.output.rstrip("/")
     manifest = _plan(target, list_images(arguments), request)
     remove_parts(Path(target))
+    shards = find_shards(target, manifest)
+    if all(shards):  # nothing is left to do but to look for damage
+        shards = find_shards(target, manifest, whole=True)
     jobs = [
         ShardJob(
             tuple(image.path for image in manifest.shards[number]),
@@ -46,7 +49,7 @@ def hog_dataset(arguments: Namespace) -> int:
             f"{target}/{shard_name(number)}",
             manifest.key(number),
         )
-        for number, shard in enumerate(find_shards(target, manifest))
+        for number, shard in enumerate(shards)
         if shard is None
     ]
 
