@@ -14,6 +14,7 @@ OFF_MIDDLE = 0.2
 """Share of a side's half by which the principal point of a photograph that was not cut is never off the middle."""
 SAME_SCALE = 0.05  # at most, between both sides, if the intrinsics are of another size
 MOST_UNEQUAL = 2.5  # times the smaller focal length; an anamorphic lens has 2
+ROUNDING = 1e-9  # of the numbers of a camera matrix that are 0 or 1
 _COEFFICIENTS = "k1, k2, p1, p2, k3"
 
 
@@ -159,8 +160,8 @@ def as_intrinsics(name: str, intrinsics: object) -> tuple[float, float, float, f
     """
     plain = as_plain(intrinsics)
     if _is_matrix(plain):
-        (fx, skew, cx), (zero, fy, cy), last = plain
-        if skew or zero or last != (0, 0, 1):
+        (fx, skew, cx), (zero, fy, cy), (first, second, last) = plain
+        if max(map(abs, (skew, zero, first, second, last - 1))) > ROUNDING:
             raise ValueError(
                 f"a camera matrix as {name} must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], "
                 f"got {shortened([list(row) for row in plain])}"

@@ -13,7 +13,8 @@ from torch import Tensor
 from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera, as_camera, as_distortion
 from ..io.arrays import naming
-from ..io.camera_file import CameraFile, read_camera_file, read_camera_mapping
+from ..io.camera_file import read_camera_file
+from ..io.camera_mapping import CameraFile, read_camera_mapping
 from ..io.input_file import InputFile
 from ..render import Camera
 from ..render.lens import IdealCamera
@@ -137,11 +138,11 @@ def join_distortion(camera: CameraFile, distortion: object) -> CameraFile:
 
 def check_camera_size(camera: CameraFile, height: int, width: int) -> None:
     """Raises ValueError, which says what to write, if a camera's file is for photographs of another size."""
-    if camera.size in (None, (height, width)):
+    if not camera.sizes or (height, width) in camera.sizes:
         return
-    assert camera.size is not None
-    high, wide = height / camera.size[0], width / camera.size[1]
-    if camera.size == (width, height):
+    size = min(camera.sizes, key=lambda size: abs(math.log(height / size[0] * size[1] / width)))
+    high, wide = height / size[0], width / size[1]
+    if size == (width, height):
         write = "turn the photograph as it was taken"
     elif math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS):
         fx, fy, cx, cy = camera.intrinsics
@@ -156,6 +157,5 @@ def check_camera_size(camera: CameraFile, height: int, width: int) -> None:
             "subtracted from cx, and at the top from cy"
         )
     raise ValueError(
-        f"`intrinsics` is for photographs of {camera.size[0]}x{camera.size[1]} pixels (height x width), got "
-        f"{height}x{width}: {write}"
+        f"`intrinsics` is for photographs of {size[0]}x{size[1]} pixels (height x width), got {height}x{width}: {write}"
     )
