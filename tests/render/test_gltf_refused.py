@@ -12,7 +12,7 @@ import pytest
 
 from nablahog.render.mesh import load_mesh
 
-from .mesh_files import glb, triangle_glb, write
+from .mesh_files import Glb, glb, triangle_glb, write
 
 ACCESSOR = {"componentType": 5126, "type": "VEC3", "bufferView": 0, "count": 3}
 VIEW = {"buffer": 0, "byteLength": 36}
@@ -22,12 +22,11 @@ INTERNALS = re.compile("' object|has no attribute|out of range|recursion|digits"
 
 def _sparse(index: int) -> dict[str, Any]:
     """A file whose sparse corner, at an index of one signed byte, is the first."""
-    binary = np.array([0, 0, 0, 2, 0, 0, 0, 1, 0], "<f4").tobytes() + index.to_bytes(4, "little", signed=True)
-    url = "data:;base64," + base64.b64encode(binary).decode()
-    views = [VIEW, {"buffer": 0, "byteOffset": 36, "byteLength": 1}]
-    at, values = {"bufferView": 1, "componentType": 5120}, {"bufferView": 0}
-    accessor = ACCESSOR | {"sparse": {"count": 1, "indices": at, "values": values}}
-    return {"bufferViews": views, "accessors": [accessor], "buffers": [{"byteLength": 40, "uri": url}]}
+    model = Glb([[0, 0, 0], [2, 0, 0], [0, 1, 0]])
+    at = {"bufferView": model.view(np.array([index], "i1")), "componentType": 5120}
+    model.header["accessors"][0]["sparse"] = {"count": 1, "indices": at, "values": {"bufferView": 0}}
+    url = "data:;base64," + base64.b64encode(model.binary).decode()
+    return {**model.header, "buffers": [{"byteLength": len(model.binary), "uri": url}]}
 
 
 @pytest.mark.parametrize(

@@ -56,11 +56,7 @@ def test_cube_of_every_format(tmp_path: Path, ending: str) -> None:
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.off", "OFF 5 2 0\n0 0 0\n2 0 0\n3 1 0\n1 2 0\n0 1 0\n5 0 1 2 3 4\n3 0 1 2\n"),
-        (
-            "colours.off",
-            "COFF 5 2 0\n0 0 0 9 9 9\n2 0 0 9 9 9\n3 1 0 9 9 9\n1 2 0 9 9 9\n0 1 0 9 9 9\n5 0 1 2 3 4\n2 0 1\n",
-        ),
+        ("a.off", "OFF 5 3 0\n0 0 0\n2 0 0\n3 1 0\n1 2 0\n0 1 0\n5 0 1 2 3 4\n3 0 1 2\n2 0 1\n"),
         ("a.obj", "v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\nf 1 2 3\n"),
     ],
 )

@@ -129,6 +129,7 @@ def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> No
         ({"scale": np.full(3, np.nan, np.float32)}, "must be finite"),
         ({"level": np.array([0, 1, 64])}, "in order of the views"),
         ({"first": np.array([0, 4, 3])}, "in order of the views"),
+        ({"first": np.array([0, 1, 2])}, "in order of the views"),  # of three elements
     ],
 )
 def test_what_are_no_views(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
