@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import zipfile
 from pathlib import Path
@@ -124,19 +123,11 @@ def test_archives_that_swell(tmp_path: Path) -> None:
         load_descriptor(tmp_path / "d.npz")
 
 
-def test_what_cannot_be_saved(tmp_path: Path) -> None:
-    spec, descriptor = presets.uoctti(), _descriptor(presets.uoctti())
-    with pytest.raises(ValueError, match="got NaN or Inf"):
-        save_descriptor(tmp_path / "d.npz", descriptor / 0, spec, SIZE)
-    with pytest.raises(ValueError, match="has shape"):
-        save_descriptor(tmp_path / "d.npz", descriptor[None], spec, SIZE)
-    with pytest.raises(ValueError, match="has shape"):
-        save_descriptor(tmp_path / "d.npz", descriptor, dataclasses.replace(spec, cell_size=(4, 4)), SIZE)
-    with pytest.raises(TypeError, match="float32 or float64"):
-        save_descriptor(tmp_path / "d.npz", descriptor.half(), spec, SIZE)
-    assert not os.listdir(tmp_path)
-    with pytest.raises(TypeError):
-        StoredDescriptor(descriptor.numpy(), spec, SIZE)  # type: ignore[arg-type]
+def test_what_cannot_be_stored() -> None:
+    descriptor = _descriptor(presets.uoctti())
+    for wrong in (descriptor.numpy(), descriptor.half()):
+        with pytest.raises(TypeError, match="float32 or float64"):
+            StoredDescriptor(wrong, presets.uoctti(), SIZE)  # type: ignore[arg-type]
 
 
 # --- arrays of other libraries
