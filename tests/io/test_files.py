@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import errno
 import os
+import re
 import subprocess
 import sys
 import time
@@ -160,9 +161,12 @@ def test_distinct_stems() -> None:
         return distinct_stems([Path(path) for path in paths])
 
     assert stems("x/a.png", "y/b.jpg") == ["a", "b"]
-    assert stems("x/a.png", "y/a.jpg", "a") == ["a", "a_2", "a_3"]
-    assert stems("a.png", "b/a.png", "a_2.png") == ["a", "a_3", "a_2"]
-    assert stems("a.png", "A.png", "same.png", "same.png") == ["a", "A_2", "same", "same_2"]
+    first, second, third = stems("x/a.png", "y/a.jpg", "a")
+    assert stems("./x//a.png", os.path.abspath("a"), "b.png") == [first, third, "b"]  # the second is gone
+    assert all(re.fullmatch("a_[0-9a-f]{8}", stem) for stem in {first, second, third})
+    assert len({first, second, third}) == 3
+    small, capital, same, again = stems("a.png", "A.png", "same.png", "same.png")
+    assert (small[:2], capital[:2], again) == ("a_", "A_", f"{same}_2")
     assert [len(stem.encode()) for stem in stems("é" * 200 + ".png", "a" + "é" * 200)] == [180, 179]
     code = "import nablahog.io.files as f, pathlib, sys; print(ascii(f.distinct_stems([pathlib.Path(sys.argv[1])])))"
     of_c = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

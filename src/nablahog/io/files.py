@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import itertools
 import os
@@ -10,6 +11,7 @@ import secrets
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -152,23 +154,29 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 
 def distinct_stems(paths: Sequence[Path]) -> list[str]:
-    """The stems of ``paths``, numbered where two would be the same: ``a``, ``b``, ``a_2``.
+    """The stems of ``paths``; where two would be the same, each with a hash of its path: ``a_0f3c91d2``, ``b``.
 
-    Stems that differ only in case count as the same, as they are on some file systems; very long ones are cut.
+    A hash, unlike a number, does not depend on the other paths: where some are gone or new, no result is named as that
+    of another input was.  Stems that differ only in case count as the same, as they are on some file systems; very long
+    ones are cut.
     """
     stems = [_shorten(path.stem) or "input" for path in paths]
-    plain_stems = {stem.casefold() for stem in stems}  # a numbered stem must not equal the stem of another input
+    counts = Counter(stem.casefold() for stem in stems)
+    names = [
+        stem if counts[stem.casefold()] == 1 else f"{stem}_{_hash_of_path(path)}"
+        for stem, path in zip(stems, paths, strict=True)
+    ]
     taken: set[str] = set()
-    result = []
-    for stem in stems:
-        name = stem
-        for number in itertools.count(2):
-            if name.casefold() not in taken and (name == stem or name.casefold() not in plain_stems):
-                break
-            name = f"{stem}_{number}"
-        taken.add(name.casefold())
-        result.append(name)
-    return result
+    for index, name in enumerate(names):  # the same path may be there twice
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        names[index] = next(each for each in itertools.chain([name], numbered) if each.casefold() not in taken)
+        taken.add(names[index].casefold())
+    return names
+
+
+def _hash_of_path(path: Path) -> str:
+    """Eight digits, the same for all spellings of a path that are absolute or relative to the working directory."""
+    return hashlib.sha256(os.fsencode(os.path.abspath(path))).hexdigest()[:8]
 
 
 def _shorten(stem: str) -> str:
