@@ -160,14 +160,25 @@ def test_each_shard_has_a_key_of_all_that_it_depends_on() -> None:
     ("images", "message"),
     [
         ([("a", 1), ("b", 1)], r"1 image not among the inputs \(c\)$"),
-        ([("a", 1), ("b", 2), ("c", 1), ("d", 1)], r"1 image changed \(b\)$"),
-        ([("b", 3)], r"2 images not among the inputs \(a, c\), 1 image changed \(b\)$"),
+        ([("a", 1), ("b", 2), ("c", 1), ("d", 1)], r"1 image changed \(b: its date alone\)$"),
+        ([("b", 3)], r"2 images not among the inputs \(a, c\), 1 image changed \(b: its date alone\)$"),
+        ([("/x/a", 1), ("b", 1), ("c", 1)], r"1 image not among the inputs \(a\), which are named as /x/a$"),
     ],
 )
 def test_images_that_differ_are_named(images: list[tuple[str, int]], message: str) -> None:
     manifest = Manifest(SPEC, 0).add_images([ImageState(name, 1, "1") for name in "abc"])
     with pytest.raises(ValueError, match=message):
         manifest.add_images([ImageState(name, 1, str(version)) for name, version in images])
+
+
+def test_images_may_be_spelled_otherwise() -> None:
+    """And change where they have no descriptor; the names that are stored stay."""
+    manifest = Manifest(SPEC, 0).add_images([ImageState(f"./{name}", 1, "1") for name in "abc"])
+    assert manifest.add_images([ImageState(name, 1, "1") for name in "abc"]) == manifest
+    changed = manifest.add_images([ImageState(name, 1 + (name == "c"), "2") for name in "abc"], ["./a", "./b", "./c"])
+    assert [image.path for shard in changed.shards for image in shard] == ["./a", "./b", "./c"]
+    assert changed.shards[1] == (ImageState("./c", 2, "2"),)
+    assert not {changed.key(0), changed.key(1)} & {manifest.key(0), manifest.key(1)}
 
 
 def test_new_images_come_last_in_shards_of_their_own() -> None:

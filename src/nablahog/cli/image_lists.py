@@ -65,10 +65,12 @@ def _expand(arguments: Namespace, names: list[str]) -> list[ImageState]:
 
 
 def _read_state(path: str) -> ImageState:
-    """The state of a file of this machine; an unknown one if there is no such file."""
+    """The state of a file of this machine; an unknown one if there is no such file, or it may not be read."""
     try:
         state = os.stat(path)
     except OSError:
+        return ImageState(path)
+    if not os.access(path, os.R_OK):
         return ImageState(path)
     return ImageState(path, state.st_size, str(state.st_mtime_ns))
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import math
 import os
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, BinaryIO
 
 import fsspec
@@ -58,10 +59,18 @@ class ImageState:
         """The path as text that can be written."""
         return to_unicode(self.path)
 
-    def differs(self, other: ImageState) -> bool:
-        """Whether both states are known and not the same."""
-        pairs = ((self.bytes, other.bytes), (self.version, other.version))
-        return any(None not in pair and pair[0] != pair[1] for pair in pairs)
+    @property
+    def spelling(self) -> str:
+        """The name without what changes no path, ``./`` and doubled slashes: one file may be named in several ways."""
+        return self.name if "://" in self.name or self.name != self.path else str(PurePath(self.name))
+
+    def difference(self, other: ImageState) -> str | None:
+        """What both states know and differ in; None for nothing."""
+        if None not in (self.bytes, other.bytes) and self.bytes != other.bytes:
+            return f"{self.bytes:,} bytes, now {other.bytes:,}"
+        if None not in (self.version, other.version) and self.version != other.version:
+            return "its version" if "://" in self.path else "its date alone"
+        return None
 
 
 def _code() -> str:
@@ -109,34 +118,52 @@ class Manifest:
         if self.code != other.code:
             raise ValueError("another version of nablahog or PyTorch wrote it")
 
-    def add_images(self, images: Sequence[ImageState]) -> Manifest:
+    def add_images(self, images: Sequence[ImageState], undescribed: Collection[str] = ()) -> Manifest:
         """This manifest with further shards for those of the images that it lacks.
 
-        Each further shard has at most the square root of their number, and at most :data:`SHARD_BYTES` of files.
+        Each further shard has at most the square root of their number, rounded up, and at most :data:`SHARD_BYTES` of
+        files.
+
+        Args:
+            images: all that the data set is to have.
+            undescribed: the names of those of its own that have no descriptor.  They may change, which changes the key
+                of their shard.
 
         Raises:
             ValueError: one of its own images is not among ``images``, or has changed.
         """
-        inputs = {image.name: image for image in images}
+        inputs = {image.spelling: image for image in images}
         described = [image for shard in self.shards for image in shard]
-        remaining = Counter(image.name for image in described)
+        remaining = Counter(image.spelling for image in described)
         new = []
         for image in images:
-            if remaining[image.name]:
-                remaining[image.name] -= 1
+            if remaining[image.spelling]:
+                remaining[image.spelling] -= 1
             else:
                 new.append(image)
-        differences = {
-            "not among the inputs": list(remaining.elements()),
-            "changed": [image.name for image in described if image.differs(inputs.get(image.name, image))],
-        }
-        if any(differences.values()):
-            parts = [_enumerate(names, how) for how, names in differences.items() if names]
+        gone = list(remaining.elements())
+        shards = [tuple(_update(image, inputs, undescribed) for image in shard) for shard in self.shards]
+        changed = [
+            f"{image.name}: {difference}"
+            for image in itertools.chain(*shards)
+            if (difference := image.difference(inputs.get(image.spelling, image)))
+        ]
+        parts = [_enumerate(gone, "not among the inputs")] if gone else []
+        if gone and new:
+            parts.append(f"which are named as {new[0].name}")
+        parts += [_enumerate(changed, "changed")] if changed else []
+        if parts:
             raise ValueError(f"it has other images than asked for: {', '.join(parts)}")
-        shards = [tuple(replace(image, path=inputs[image.name].path) for image in shard) for shard in self.shards]
         count = math.isqrt(max(len(new) - 1, 0)) + 1
         groups = split_by_weight(new, lambda image: image.bytes or 0, most=SHARD_BYTES, count=count)
         return replace(self, shards=(*shards, *map(tuple, groups)))
+
+
+def _update(image: ImageState, inputs: Mapping[str, ImageState], undescribed: Collection[str]) -> ImageState:
+    """An image as it is among the inputs, where it is: with its path, and its state if it is ``undescribed``."""
+    found = inputs.get(image.spelling, image)
+    path = found.path if found.name == image.name else image.path
+    return replace(found if image.name in undescribed else image, path=path)
 
 
 def _enumerate(names: Sequence[str], how: str) -> str:

@@ -133,6 +133,23 @@ def _find_shard(system: Any, file: str, manifest: Manifest, number: int, whole: 
         return None
 
 
+def find_undescribed(url: str, manifest: Manifest) -> set[str]:
+    """The images of the data set ``url`` that have no descriptor: their shard is missing, or they could not be read."""
+    system, _ = fsspec.core.url_to_fs(url)
+    names = set()
+    for shard, images in zip(find_shards(url, manifest), manifest.shards, strict=True):
+        failed: Iterable[bool] = itertools.repeat(True)
+        if shard is not None:
+            with (
+                suppress(OSError, ValueError),
+                system.open(shard.file, "rb") as opened,
+                open_parquet(opened) as parquet,
+            ):
+                failed = parquet.read(["error"], use_threads=False)["error"].is_valid().to_pylist()
+        names |= {image.name for image, is_failed in zip(images, failed, strict=False) if is_failed}
+    return names
+
+
 class DescriptorDataset(Sequence[Row]):
     """The rows of a data set, each read when it is asked for.
 

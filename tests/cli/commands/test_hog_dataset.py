@@ -124,6 +124,27 @@ def test_a_new_photograph_is_the_only_one_to_be_described(
     assert torch.equal(data[8].stored.descriptor, data[0].stored.descriptor)
 
 
+def test_a_photograph_that_was_broken_is_described_when_it_is_repaired(
+    photos: Path, tmp_path: Path, described: list[str]
+) -> None:
+    """With the others of its shard; so is one that was missing, and one of a shard that a kill left out."""
+    out, lines = tmp_path / "out.parquet", tmp_path / "list.txt"
+    lines.write_text(f"{photos}\n{photos / 'later.jpg'}\n")
+    command = ["hog", f"@{lines}", "-o", str(out), "--quiet"]
+    assert main(command) == 3
+    (out / "part-000000.parquet").unlink()
+    (photos / "x.png").write_bytes((photos / "0.png").read_bytes())
+    (photos / "later.jpg").write_bytes((photos / "1.png").read_bytes())
+    (photos / "0.png").write_bytes((photos / "1.png").read_bytes())
+    lines.write_text(
+        "\n".join(map(str, [*(photos / f"{k}.png" for k in range(7)), photos / "x.png", photos / "later.jpg"]))
+    )
+    described.clear()
+    assert main(command) == 0
+    assert sorted(described) == ["0.png", "1.png", "2.png", "6.png", "later.jpg", "x.png"]
+    assert all(row.stored is not None for row in DescriptorDataset(str(out)))
+
+
 def test_photographs_that_are_gone_or_changed_are_named(
     photos: Path, tmp_path: Path, refused: Callable[..., None]
 ) -> None:
@@ -131,7 +152,7 @@ def test_photographs_that_are_gone_or_changed_are_named(
     main(["hog", str(photos), "-o", out, "--quiet"])
     (photos / "0.png").unlink()
     os.utime(photos / "5.png", (0, 0))
-    which = f"1 image not among the inputs ({photos / '0.png'}), 1 image changed ({photos / '5.png'})"
+    which = f"1 image not among the inputs ({photos / '0.png'}), 1 image changed ({photos / '5.png'}: its date alone)"
     refused("hog", str(photos), "-o", out, message=f"it has other images than asked for: {which}; expected another -o")
 
 
@@ -172,7 +193,14 @@ def test_archives_and_brackets(photos: Path, tmp_path: Path, refused: Callable[.
     with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
         for k, member in enumerate(("in/9.png", "in/10.png", "b[1].png")):
             archive.write(photos / f"{2 * (k // 2)}.png", member)
-    refused("hog", name, bracket, "-o", out, message=f"1 image changed (zip://in/10.png::{tmp_path / 'photos.zip'})")
+    refused(
+        "hog",
+        name,
+        bracket,
+        "-o",
+        out,
+        message=f"changed (zip://in/10.png::{tmp_path / 'photos.zip'}: 2,420 bytes, now 2,028)",
+    )
 
 
 def test_links_of_a_chain(photos: Path, tmp_path: Path) -> None:

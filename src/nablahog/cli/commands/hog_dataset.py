@@ -72,7 +72,7 @@ def hog_dataset(arguments: Namespace) -> int:
 def _plan(target: str, images: Sequence[ImageState], request: HogRequest) -> Manifest:
     """The manifest of the data set to be; ValueError if the output is another one."""
     from ...io.dataset_manifest import Manifest, read_manifest
-    from ...io.descriptor_dataset import find_shards, shard_name
+    from ...io.descriptor_dataset import find_shards, find_undescribed, shard_name
     from ..image_lists import open_store
 
     system, path = open_store(target)
@@ -80,9 +80,11 @@ def _plan(target: str, images: Sequence[ImageState], request: HogRequest) -> Man
         raise ValueError(f"expected a folder for the data set, got the file {target}")
     begun, empty = read_manifest(target), Manifest(request.spec, request.size)
     try:
-        if begun is not None:
+        if begun is None:
+            manifest = empty.add_images(images)
+        else:
             begun.check(empty)
-        manifest = (empty if begun is None else begun).add_images(images)
+            manifest = begun.add_images(images, find_undescribed(target, begun))
     except ValueError as error:
         raise ValueError(f"{target} cannot be continued: {error}; expected another -o") from None
     foreign = {Path(str(file)).name for file in system.glob(f"{glob.escape(path)}/part-*{DATASET}")}
