@@ -26,6 +26,7 @@ native: $(tools)  ## the package and its compiled loops, these again where a sou
 # ninja takes the cores by itself, not from the jobs of make
 loops: $(tools)
 	@echo "Compiling the loops for this processor, where they have changed: half a minute for all"
+	@grep -qsxF "CMAKE_HOME_DIRECTORY:INTERNAL=$(CURDIR)" build/native/CMakeCache.txt || rm -rf build/native  # of a copy
 	@unset MAKEFLAGS; if $(bin)/cmake --log-level=WARNING -S . -B build/native -G Ninja \
 	    -DCMAKE_MAKE_PROGRAM="$(abspath $(bin)/ninja)" $(CMAKE_ARGS) >/dev/null; \
 	    then $(bin)/cmake --build build/native -- --quiet; \
@@ -94,5 +95,5 @@ $(development): pyproject.toml constraints.txt | native
 
 clean:  ## what the other targets made, except the virtual environment
 	rm -rf out build dist docs/api/generated docs/auto_gallery docs/auto_tutorials .coverage .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	rm -f src/nablahog/native/*.so
+	rm -f src/nablahog/native/*.so src/nablahog/native/*.sha256
 	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -20,7 +20,7 @@ from nablahog.runtime.cache import FOLDER_VARIABLE, cache_folder, code_key
 
 INSTALLED = Path(cache.__file__).parents[1]
 FILES = [file.relative_to(INSTALLED) for file in INSTALLED.rglob("*") if file.is_file()]
-SHIPPED = sorted(file for file in FILES if "__pycache__" not in file.parts and file.suffix != ".so")
+SHIPPED = sorted(file for file in FILES if "__pycache__" not in file.parts and not file.name.endswith(cache.COMPILED))
 
 
 def key_of(package: Any, monkeypatch: pytest.MonkeyPatch) -> str:

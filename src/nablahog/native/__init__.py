@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import shutil
 import subprocess
 import sys
 import warnings
 from collections.abc import Callable
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +61,10 @@ def library() -> ctypes.CDLL | None:
         return None
     changed = changed_since(best)
     if changed:
-        raise RuntimeError(f"{', '.join(changed)} changed after the compiled loops were built: run `make native`")
+        more = f" and {len(changed) - 2} more files" if len(changed) > 2 else ""
+        raise RuntimeError(
+            f"{', '.join(changed[:2])}{more} changed after the compiled loops were built: run `make native`"
+        )
     return ctypes.CDLL(str(best))
 
 
@@ -83,10 +88,16 @@ available._dynamo_marked_constant = True  # type: ignore[attr-defined]
 
 
 def changed_since(core: Path) -> list[str]:
-    """The sources that are newer than a library; an installed package has none."""
+    """The sources that are not those a library was built from; an installed package has none.
+
+    Only those newer than the library are read: a copied checkout can have other dates, and is the same.
+    """
     built = core.stat().st_mtime
     sources = (file for file in os.scandir(_SOURCES) if file.name.endswith((".cpp", ".h")))
-    return sorted(file.name for file in sources if file.stat().st_mtime > built)
+    newer = sorted(file.name for file in sources if file.stat().st_mtime > built)
+    hashes = core.with_suffix(".sha256")  # by CMake
+    known = hashes.read_text().splitlines() if newer and hashes.exists() else []
+    return [name for name in newer if f"{sha256((_SOURCES / name).read_bytes()).hexdigest()}  {name}" not in known]
 
 
 def _build_again(core: Path) -> None:
@@ -95,8 +106,12 @@ def _build_again(core: Path) -> None:
 
     build = _SOURCES.parents[2] / "build" / "native"
     cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
-    if cmake is None or core.parent != _SOURCES or not (build / "CMakeCache.txt").exists():
+    configured = build / "CMakeCache.txt"
+    if cmake is None or core.parent != _SOURCES or not configured.exists():
         return
+    home = re.search("^CMAKE_HOME_DIRECTORY:INTERNAL=(.*)$", configured.read_text(), re.MULTILINE)
+    if home is None or Path(home[1]).resolve() != _SOURCES.parents[2].resolve():
+        return  # it would build the checkout that this one is a copy of
     with FileLock(build / "lock"):
         if changed_since(core):
             subprocess.run([cmake, "--build", build], capture_output=True, check=False)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 FOLDER_VARIABLE = "NABLAHOG_CACHE_DIR"
 NAME = "nablahog"
 PACKAGE = files(NAME)
-SOURCES, LIBRARY = (".cpp", ".h"), ".so"
+SOURCES, COMPILED = (".cpp", ".h"), (".so", ".sha256")
 
 
 def cache_folder() -> Path:
@@ -62,7 +62,7 @@ def code_key(*definitions: Callable[..., Any]) -> str:
 def _key_of_package() -> str:
     contents = dict(_files(PACKAGE))
     if any(path.endswith(SOURCES) for path in contents):
-        contents = {path: file for path, file in contents.items() if not path.endswith(LIBRARY)}
+        contents = {path: file for path, file in contents.items() if not path.endswith(COMPILED)}
     hashes: list[Any] = [
         (path, hashlib.sha256(file.read_bytes()).hexdigest()) for path, file in sorted(contents.items())
     ]
