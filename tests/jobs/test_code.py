@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from nablahog import hog, presets, sample_chairs
 from nablahog.cli.commands.invert import InversionJob
 from nablahog.cli.commands.pose import ObjectJob
-from nablahog.io.dataset_manifest import ImageState, Manifest
+from nablahog.io.dataset_manifest import DESCRIBING, ImageState, Manifest
 from nablahog.io.lists import AnnotatedObject
 from nablahog.paper import learned
 from nablahog.paper.baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarLibrary
@@ -56,8 +59,28 @@ def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
 
 def test_every_key_is_of_the_whole_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before, again = (keys_of_results(tmp_path, monkeypatch) for _ in range(2))
-    monkeypatch.setattr(cache, "_key_of_package", lambda: "with a file edited")
+    monkeypatch.setattr(cache, "_key_of_package", lambda parts: "with a file edited")
     after = keys_of_results(tmp_path, monkeypatch)
     assert before == again
     assert len(before) == 7 + len(learned.LEARNED)
     assert {kind for kind, key in after.items() if key == before[kind]} == set()
+
+
+def test_the_key_of_a_data_set_is_of_all_that_describes(tmp_path: Path) -> None:
+    """What a process loads that writes a shard, and nothing that tells of its progress."""
+    code = """
+import sys
+from nablahog import presets
+from nablahog.jobs.describing import ShardJob
+
+ShardJob((sys.argv[1],), presets.uoctti(), 8, sys.argv[2], "").run()
+print(*(m.__file__ for n, m in sys.modules.items() if n.startswith("nablahog.") and n != "nablahog.jobs"), sep="\\n")
+"""
+    photo = tmp_path / "photo.png"
+    Image.new("RGB", (16, 16)).save(photo)
+    command = [sys.executable, "-c", code, str(photo), str(tmp_path / "part.parquet")]
+    loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    paths = {Path(file).relative_to(Path(cache.__file__).parents[1]).as_posix() for file in loaded}
+    assert {"hog/engine.py", "io/images.py"} < paths
+    assert all(path.startswith(DESCRIBING) for path in paths)
+    assert not any(path.startswith(DESCRIBING) for path in ("cli/terminal.py", "app/server.py", "jobs/runner.py"))

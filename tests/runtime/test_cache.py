@@ -50,6 +50,11 @@ def test_every_file_counts(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (copy / file).write_text(file.as_posix())
     assert len(keys) == 1 + len(SHIPPED)
     assert key_of(copy, monkeypatch) in keys
+    part = code_key(parts=("hog/", "io/"))
+    for file, counts in (("cli/main.py", False), ("hog/spec.py", True)):
+        (copy / file).write_text("edited")
+        cache._key_of_package.cache_clear()
+        assert (code_key(parts=("hog/", "io/")) != part) == counts
 
 
 def test_what_is_compiled_counts_without_its_sources(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePath
 from typing import Any, BinaryIO
 
@@ -36,7 +37,10 @@ FORMAT = 2
 MANIFEST = "_manifest"  # a Parquet file; readers of whole folders skip names that begin so
 SCHEMA = pa.schema([("path", pa.string()), ("bytes", pa.int64()), ("version", pa.string()), ("shard", pa.int32())])
 KEY = b"nablahog"
+DESCRIBING = ("hog/", "inputs/", "io/", "jobs/describing.py", "native/", "runtime/")
+"""The files of the package that make a descriptor of an image; changes of others do not end a data set."""
 SHARD_BYTES = 1 << 26  # of a shard's image files: some seconds of work, which a kill may lose
+UNKNOWN = "of an unknown version"
 NAMED_IMAGES = 3  # of those that differ, in an error
 
 
@@ -74,7 +78,14 @@ class ImageState:
 
 
 def _code() -> str:
-    return f"{code_key()}, PyTorch {torch.__version__}"
+    return f"{code_key(parts=DESCRIBING)}, PyTorch {torch.__version__}"
+
+
+def _release() -> str:
+    try:
+        return version("nablahog")
+    except PackageNotFoundError:  # run from its sources
+        return UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -85,13 +96,15 @@ class Manifest:
         spec: of the descriptors.
         size: pixels on the longer side that images are shrunk to; 0 for full size.
         shards: the images of each file.
-        code: a hash of the code that describes.
+        code: a hash of the code that describes, and the version of PyTorch.
+        release: the version of this package.
     """
 
     spec: HOGSpec
     size: int
     shards: tuple[tuple[ImageState, ...], ...] = ()
     code: str = field(default_factory=_code)
+    release: str = field(default_factory=_release, compare=False)
 
     def __len__(self) -> int:
         """The number of images."""
@@ -116,7 +129,15 @@ class Manifest:
             found, expected = (f"{size} pixels" if size else "full size" for size in (self.size, other.size))
             raise ValueError(f"it has other descriptors than asked for: of images at {found}, not at {expected}")
         if self.code != other.code:
-            raise ValueError("another version of nablahog or PyTorch wrote it")
+            raise ValueError(
+                f"{self._writer} wrote it, and this is {other._writer}, which may describe otherwise: the "
+                "former continues it"
+            )
+
+    @property
+    def _writer(self) -> str:
+        code, _, pytorch = self.code.partition(", ")
+        return f"nablahog {self.release} (code {code[:8]}, {pytorch})"
 
     def add_images(self, images: Sequence[ImageState], undescribed: Collection[str] = ()) -> Manifest:
         """This manifest with further shards for those of the images that it lacks.
@@ -179,6 +200,7 @@ def write_manifest(url: str, manifest: Manifest) -> None:
         for image in shard
     ]
     facts = {"format": FORMAT, "spec": manifest.spec.to_json(), "size": manifest.size, "code": manifest.code}
+    facts["release"] = manifest.release
     schema = SCHEMA.with_metadata({KEY: json.dumps(facts).encode()})
     with replacing_url(f"{url}/{MANIFEST}") as file:
         table = pa.table([list(column) for column in zip(*rows, strict=True)], schema=schema)
@@ -196,7 +218,8 @@ def read_manifest(url: str) -> Manifest | None:
         for path, size, version, number in zip(*columns, strict=True):
             shards[number].append(ImageState(path, size, version))
         spec = HOGSpec.from_json(facts["spec"])
-        return Manifest(spec, facts["size"], tuple(map(tuple, shards)), facts["code"])
+        release = facts.get("release", UNKNOWN)
+        return Manifest(spec, facts["size"], tuple(map(tuple, shards)), facts["code"], release)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except Exception as error:  # damaged in any of many ways

@@ -42,8 +42,8 @@ def cache_folder() -> Path:
     return path
 
 
-def code_key(*definitions: Callable[..., Any]) -> str:
-    """A hash of all files of this package, and of the files that define functions or classes elsewhere.
+def code_key(*definitions: Callable[..., Any], parts: tuple[str, ...] = ("",)) -> str:
+    """A hash of the files of this package, and of the files that define functions or classes elsewhere.
 
     Whatever the package is installed with counts: code, pages, data.  Of compiled loops the sources count, or, where
     these are not installed, the libraries.
@@ -51,16 +51,17 @@ def code_key(*definitions: Callable[..., Any]) -> str:
     Args:
         definitions: functions or classes; those of this package change nothing.  A ``functools.partial`` stands for
             its function.
+        parts: what the paths of the files begin with; by default all files count.
     """
     functions = (definition.func if isinstance(definition, partial) else definition for definition in definitions)
     modules = sorted({function.__module__ for function in functions})
     keys = [_key_of_module(module) for module in modules if module.partition(".")[0] != NAME]
-    return hashlib.sha256(repr([_key_of_package(), *keys]).encode()).hexdigest()
+    return hashlib.sha256(repr([_key_of_package(parts), *keys]).encode()).hexdigest()
 
 
 @cache
-def _key_of_package() -> str:
-    contents = dict(_files(PACKAGE))
+def _key_of_package(parts: tuple[str, ...]) -> str:
+    contents = {path: file for path, file in _files(PACKAGE) if path.startswith(parts)}
     if any(path.endswith(SOURCES) for path in contents):
         contents = {path: file for path, file in contents.items() if not path.endswith(COMPILED)}
     hashes: list[Any] = [

@@ -226,8 +226,8 @@ def test_what_it_refuses(
     refused("hog", *[one] * 4, "-o", out, "--set", "cell_size=4", message="their cell_size is (8, 8), not (4, 4)")
     refused("hog", *[one] * 4, "-o", out, "--size", "9", message="of images at full size, not at 9 pixels")
     with monkeypatch.context() as patch:
-        patch.setattr(cache, "_key_of_package", lambda: "with a file edited")
-        refused("hog", *[one] * 4, "-o", out, message="another version of nablahog or PyTorch wrote it")
+        patch.setattr(cache, "_key_of_package", lambda parts: "with a file edited")
+        refused("hog", *[one] * 4, "-o", out, message="wrote it, and this is nablahog ")
     (tmp_path / "o.parquet" / MANIFEST).unlink()
     refused("hog", *[other] * 4, "-o", out, message="holds 2 shards of another data set")
     assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0  # the same as before, so that they are its own
