@@ -54,3 +54,15 @@ def test_mi_has_no_mean_over_images_of_several_sizes(tmp_path: Path, calls: list
     assert {line.statistics["mi"].n for line in table.table_rows()} == {2 if turned else 0}
     assert ["MI" in remark for remark in table1_page.remarks([], {}, some)] == [True] * (not turned)
     assert None not in [figures["mi"] for figures in table.figures["uoctti-single"].values()]
+
+
+@pytest.mark.parametrize(("size", "left_out"), [(4, ["SSIM"]), (32, [])])
+def test_a_measure_without_figures_has_no_column_of_the_paper(
+    tmp_path: Path, calls: list[str], size: int, left_out: list[str]
+) -> None:
+    """Windows of SSIM are larger than 4 pixels."""
+    table = made(tmp_path, photographs(2, size), BRIGHT)
+    columns = set(table1_page.terminal_rows(table)[0])
+    measures = ("CC", "MI", "SSIM")
+    assert [name for name in measures if name not in columns] == left_out
+    assert [name for name in measures if f"{name}\npaper" not in columns] == left_out

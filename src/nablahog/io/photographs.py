@@ -20,12 +20,13 @@ from .images import SAMPLE_NAMES, image_endings, limit_size, read_image, sample_
 class Photographs:
     """Photographs (H, W) by name, float32 in 0…1, gray by Eq. 1; why others could not be read, by name.
 
-    What is not an image file by its ending is ignored.
+    What is not an image file by its ending is ignored.  ``available`` counts all image files that there are.
     """
 
     images: dict[str, Tensor] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     ignored: list[str] = field(default_factory=list)
+    available: int = 0
 
     @property
     def equally_large(self) -> bool:
@@ -51,7 +52,8 @@ def read_folder(folder: Path, *, size: int, limit: int | None = None, recursive:
     files = [entry for entry in entries if entry.suffix.lower() in endings and not entry.is_dir()]
     if not files:
         raise ValueError(f"{folder}: expected a folder of images, but it holds none{_advise(entries, endings)}")
-    result = Photographs(ignored=[_name(entry, folder) for entry in sorted(set(entries) - set(files))])
+    ignored = [_name(entry, folder) for entry in sorted(set(entries) - set(files))]
+    result = Photographs(ignored=ignored, available=len(files))
     for path in files[:limit]:
         name = _name(path, folder)
         try:
@@ -83,7 +85,8 @@ def _advise(entries: Iterable[Path], endings: Collection[str]) -> str:
 def sample_photographs(*, size: int, limit: int | None = None, whole: bool = False) -> Photographs:
     """The photographs :data:`SAMPLE_NAMES`, ``whole`` or their middle squares, otherwise as :func:`read_folder`."""
     photographs = {name: sample_photograph(name) for name in SAMPLE_NAMES[:limit]}
-    return Photographs({name: _prepared(p if whole else _square(p), size) for name, p in photographs.items()})
+    images = {name: _prepared(p if whole else _square(p), size) for name, p in photographs.items()}
+    return Photographs(images, available=len(SAMPLE_NAMES))
 
 
 def _square(image: Tensor) -> Tensor:

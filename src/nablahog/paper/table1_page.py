@@ -101,8 +101,13 @@ def remarks(
 
 
 def terminal_rows(table: Table1) -> list[dict[str, object]]:
-    """The means, ours and the paper's, one mapping for each row; a level below its method has the name of its scale."""
-    rows = [_row(line, lambda summary: summary.mean, TERMINAL) for line in table.table_rows()]
+    """The means, ours and the paper's, one mapping for each row, of the measures that are defined for any image.
+
+    A level below its method has the name of its scale.
+    """
+    lines = table.table_rows()
+    headings = {name: text for name, text in TERMINAL.items() if any(line.statistics[name].n for line in lines)}
+    rows = [_row(line, lambda summary: summary.mean, headings) for line in lines]
     return [{**row, "method": re.sub("^.+@", "  @", str(row["method"]))} for row in rows]
 
 
@@ -182,7 +187,9 @@ def _pictures(table: Table1) -> html.Section:
         row: dict[str, object] = {"image": _photograph(table, image)}
         row |= {group: _glyphs(image, pixels, spec) for group, spec in described.items()}
         rows.append(row | {method.name: _output(table, method.name, image) for method in table.methods})
-    text = "The image, its descriptors as glyphs, and the output of each method."
+    count = len(table.photographs.images)
+    some = f" {len(rows)} of the {count} images, evenly spread over them." if len(rows) < count else ""
+    text = f"The image, its descriptors as glyphs, and the output of each method.{some}"
     return html.Section("Pictures", text, table=rows)
 
 

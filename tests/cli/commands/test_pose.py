@@ -358,7 +358,9 @@ def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], caps
     assert poses[0]["focal_length_from"] == "given"
     whole = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert [(image["height"], image["width"]) for image in whole["images"]] == [(150, 180)]
-    assert "undistorted, as the box is" in (tmp_path / "out" / "object_1.html").read_text(encoding="utf-8")
+    page = (tmp_path / "out" / "object_1.html").read_text(encoding="utf-8")
+    assert "undistorted, as the box is" in page
+    assert page.count(f"{poses[0]['similarity']:.3g}") >= 2  # in the table, and where the figure's differs
 
 
 def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
+from nablahog.cli.commands.tables import _photographs
 from nablahog.cli.main import main
 
 from ..common import CHELSEA, names
@@ -46,6 +48,11 @@ def test_the_command(tmp_path: Path, images: str, here: None, capsys: pytest.Cap
     with open(out / "per_image.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["method"] for row in rows[:6]] == ["dalal-single"] * 5 + ["dalal-multi-scale"]  # in the table's order
+
+
+def test_a_part_of_a_folder_is_said_to_be_one(images: str) -> None:
+    for limit, count in ((2, "The first 2 of 6 images"), (None, "6 images")):
+        assert _photographs(Namespace(images=images, size=32, limit=limit))[1] == f"{count} of the folder images."
 
 
 def test_what_it_refuses(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:

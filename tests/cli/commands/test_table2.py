@@ -153,6 +153,7 @@ def test_photographs_of_mine(tmp_path: Path, own: str, models: str, capsys: pyte
     assert [rows[name]["found_model"] for name in ("one.png#1", "one.png#2", "two.jpg#3")] == ["b,c", "a,b,c", "a,c"]
     assert [rows[name]["true_azimuth"] for name in ("one.png#1", "two.jpg#3")] == ["30.0", "350.0"]
     conditions = {row["condition"] for row in _rows(out / "summary.csv")} - {""}
+    assert {row["condition"] for row in _rows(out / "summary.csv") if row["paper"]} == {""}
     assert conditions == {name for name in CONDITIONS if CONDITIONS[name].of_photographs} - {"exact"}
     assert "cut-30/two.jpg#3" in rows
 

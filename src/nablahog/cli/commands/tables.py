@@ -132,12 +132,17 @@ def _photographs(arguments: Namespace) -> tuple[Photographs, str]:
     """The images for the table, and a sentence that says where they are from."""
     if arguments.images is None:
         photographs = sample_photographs(size=arguments.size, limit=arguments.limit)
-        number = counted(len(photographs.images), "photograph")
-        return photographs, f"{number} of scikit-image, cut to the middle square."
+        return photographs, f"{_count(photographs, 'photograph')} of scikit-image, cut to the middle square."
     folder = Path(arguments.images)
     photographs = read_folder(folder, size=arguments.size, limit=arguments.limit)
-    number = counted(len(photographs.images) + len(photographs.failed), "image")
-    return photographs, f"{number} of the folder {folder.resolve().name}."
+    return photographs, f"{_count(photographs, 'image')} of the folder {folder.resolve().name}."
+
+
+def _count(photographs: Photographs, noun: str) -> str:
+    """How many of how many photographs there are, as ``noun``."""
+    number = len(photographs.images) + len(photographs.failed)
+    everything = counted(photographs.available, noun)
+    return everything if number == photographs.available else f"The first {number} of {everything}"
 
 
 def objects(arguments: Namespace) -> Objects:

@@ -171,6 +171,11 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
         traces=[(trace.azimuths, trace.similarities) for trace in traces],
         views=list(render(mesh, azimuth_sweep(start, VIEWS), matched.crop.camera)),
     )
+    here = float(fine.values(estimate.crop_pose[None]))
+    cells = (
+        f" The search ends with smaller cells, by which the similarity is {html.figure(estimate.similarity)} as above; "
+        f"the curve is by the larger ones with which it begins, by which it is {html.figure(here)} at the same pose."
+    )
     paths = (
         " In orange, the paths of the search from its starts; their poses differ in more than the azimuth, so they do "
         "not lie on the curve."
@@ -180,7 +185,9 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
         f"Only the azimuth changes. Below: renderings at the azimuths above them. Pixels have {SAMPLES}x{SAMPLES} "
         f"samples, and the derivative is that of the area that edges cover: its cosine with central differences of the "
         f"curve over ±{STEP:g}° is {cosine:.2f}. That of OpenDR's derivative with one sample a pixel is "
-        f"{_cosine(opendr, differences):.2f}." + (paths if traces else ""),
+        f"{_cosine(opendr, differences):.2f}."
+        + ("" if estimate.confidence is None else cells)  # only the best search of the calibrated kind has one
+        + (paths if traces else ""),
         drawings=[drawing],
     )
 

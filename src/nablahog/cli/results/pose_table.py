@@ -9,7 +9,10 @@ from typing import Any
 from ...viz import html
 
 LEAST_SHOWN = 0.001  # probability of a half turn: confidences are not measured finely enough for less
-_HEADINGS = {"distance": "distance,\ndiagonals"}  # of columns, where they say the unit
+_HEADINGS = {  # of columns, where they say the unit
+    **{angle: f"{angle},\n°" for angle in ("azimuth", "elevation", "theta")},
+    "distance": "distance,\ndiagonals",
+}
 MATRIX = [f"m{row}{col}" for row in range(3) for col in range(4)]
 POSITIONS = (
     "The middle of each model's bounding box along the camera's axes: x right, y down, z forward; of objects whose "
@@ -65,8 +68,9 @@ DEFINITIONS = {
     "model is as Blender imports its file: Blender's matrix_world of the camera.",
     "similarity_kind": "Which similarity it is: calibrated or patches.",
     "similarity": "calibrated: the score of the rendering's linear discriminant on the window of the photograph, in "
-    "standard deviations over arbitrary photographs; patches: the sum over the photograph's visual elements of the dot "
-    "products of the ∇HOG descriptors of their patches with those of the rendering, as in the paper.",
+    "standard deviations over arbitrary photographs, by the cells with which the search ends; patches: the sum over "
+    "the photograph's visual elements of the dot products of the ∇HOG descriptors of their patches with those of the "
+    "rendering, as in the paper.",
     "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
     "looks the same, as measured on rendered scenes and photographs.",
     "warning": "A sentence if the pose is more likely wrong than right, or if the camera's numbers seem to be for "
