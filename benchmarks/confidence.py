@@ -57,11 +57,10 @@ SEVERAL = (12, 23, 39)  # candidates
 SMALL, SMALL_HEIGHT = 128, (35.0, 100.0)  # of a scene in six
 HINT_ERROR = 2 / 3  # of the range of azimuths: the most that the middle of it is off
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
-ABSENT_SHARE = 1 / 3  # of all poses, to which images without the object are weighted in a fit
 PENALTY = 0.01  # of squared weights in units of their standard deviation
-FREE = {  # the figures whose weights are fitted
-    "KNOWN_MODEL": ("similarity", "penalty", "sidelobe"),
-    "UNKNOWN_MODEL": ("penalty", "sidelobe", "agreement"),
+FREE = {  # the figures whose weights are fitted, and the share that images without the object have then of all poses
+    "KNOWN_MODEL": (("similarity", "penalty", "sidelobe"), 1 / 3),
+    "UNKNOWN_MODEL": (("penalty", "sidelobe", "agreement", "upright"), 1 / 2),
 }
 
 
@@ -95,7 +94,7 @@ def scenes(options: argparse.Namespace) -> Iterator[tuple[str, Example, dict[str
         candidates = [example.model]
         if options.several:
             others = generator.permutation([other for other in models if other != example.model])
-            candidates = others[: generator.choice(SEVERAL)].tolist()
+            candidates = sorted(others[: generator.choice(SEVERAL)].tolist())
         yield f"{index}-{name or 'jittered'}", example, {name: models[name] for name in candidates}
 
 
@@ -156,7 +155,7 @@ def absent_cases(options: argparse.Namespace) -> Iterator[Case]:
     for index, (name, image) in enumerate(images):
         generator = np.random.default_rng([options.seed, index, 8])
         count = max(SEVERAL) + 1 if options.several else 1
-        candidates = dict(models[k] for k in generator.permutation(len(models))[:count])
+        candidates = dict(sorted(models[k] for k in generator.permutation(len(models))[:count]))
         box = random_box(image, generator)
         boxes = {"box": box, "no box": None}
         for kind in [("box", "no box")[index % 2]] if options.several else boxes:
@@ -175,7 +174,7 @@ def evidence_of(found: Mapping[str, Any]) -> Evidence:
     return Evidence(**{**found["evidence"], "shares": tuple(found["evidence"]["shares"])})
 
 
-def fit_weights(records: list[Record], free: tuple[str, ...]) -> Weights:
+def fit_weights(records: list[Record], free: tuple[str, ...], absent_share: float) -> Weights:
     """The weights of greatest likelihood: one of the pose, its runners-up and none of them is right."""
     evidence = [evidence_of(found) for found in records]
     start = Weights(*np.zeros(len(Weights._fields)))._replace(share=1.0)
@@ -188,7 +187,7 @@ def fit_weights(records: list[Record], free: tuple[str, ...]) -> Weights:
 
     absent = np.array([found["absent"] for found in records])
     counts = np.where(
-        absent, ABSENT_SHARE / max(absent.mean(), 1e-9), (1 - ABSENT_SHARE) / max(1 - absent.mean(), 1e-9)
+        absent, absent_share / max(absent.mean(), 1e-9), (1 - absent_share) / max(1 - absent.mean(), 1e-9)
     )
 
     def loss(values: Floats) -> float:
@@ -211,11 +210,11 @@ def describe(evidence: Evidence, name: str) -> float:
 
 def fit(options: argparse.Namespace) -> None:
     records = read(tuple(options.files))
-    for name, free in FREE.items():
+    for name, (free, absent_share) in FREE.items():
         stored: Weights = getattr(confidence, name)
         some = [found for found in records if found["evidence"]["known_model"] == (stored is KNOWN_MODEL)]
         if some:
-            fitted = [f"{value:.2f}" for value in fit_weights(some, free)]
+            fitted = [f"{value:.2f}" for value in fit_weights(some, free, absent_share)]
             rows = [[field, *pair] for field, *pair in zip(Weights._fields, fitted, map(str, stored), strict=True)]
             print(f"{name}: {len(some)} poses\n")
             print(table(["weight", "fitted", "in the source"], rows), end="\n\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from scipy.special import softmax
@@ -14,8 +15,8 @@ from nablahog import Camera, estimate_pose, render, sample_chairs
 from nablahog.io.images import sample_photograph
 from nablahog.pose.confidence import KNOWN_MODEL, UNKNOWN_MODEL, Evidence, Weights, probabilities
 from nablahog.pose.crop import crop_object
-from nablahog.pose.evidence import probability_in_range
-from nablahog.pose.model import azimuth_distance
+from nablahog.pose.evidence import compare_turned, probability_in_range
+from nablahog.pose.model import azimuth_distance, prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE
 
@@ -23,7 +24,7 @@ from .common import SWIVEL, model, photographed
 
 ALONE = Evidence(True, 8.0, 0.1, 0.3, 1.0, (0.9, 0.6))
 AMONG = Evidence(False, 6.0, 0.1, 0.3, 0.6, (0.5, 0.1))
-PLAIN = Weights(constant=0.0, similarity=0.0, penalty=0.0, sidelobe=0.0, agreement=0.0, share=1.0)
+PLAIN = Weights(constant=0.0, similarity=0.0, penalty=0.0, sidelobe=0.0, agreement=0.0, upright=0.0, share=1.0)
 
 
 def test_odds_are_those_of_a_multinomial_regression() -> None:
@@ -51,6 +52,7 @@ def test_what_fits_well_is_surer_and_what_fits_elsewhere_is_less_sure() -> None:
         assert probabilities(replace(evidence, sidelobe=0.9))[0] < base
     assert probabilities(replace(ALONE, similarity=9.0))[0] > probabilities(ALONE)[0]
     assert probabilities(replace(AMONG, agreement=0.9))[0] > probabilities(AMONG)[0]
+    assert probabilities(replace(AMONG, upright=1.0))[0] > probabilities(AMONG)[0]
 
 
 def test_a_side_that_fits_as_well_is_as_likely() -> None:
@@ -68,9 +70,11 @@ def test_the_fitted_weights() -> None:
     alone = -5.48 + 5.73 * math.log(9) - 3.88 * 0.1 - 11.44 * 0.3
     logits = [0, alone, alone + 25.98 * math.log(0.9), alone + 25.98 * math.log(0.6)]
     assert probabilities(ALONE) == pytest.approx(softmax(logits)[1:])
-    among = -1.85 - 1.95 * 0.1 - 4.10 * 0.3 + 7.50 * 0.6
-    logits = [0, among, among + 1.02 * math.log(0.5), among + 1.02 * math.log(0.1)]
+    among = -0.01 - 2.84 * 0.1 - 6.09 * 0.3 + 5.57 * 0.6
+    logits = [0, among, among + 1.05 * math.log(0.5), among + 1.05 * math.log(0.1)]
     assert probabilities(AMONG) == pytest.approx(softmax(logits)[1:])
+    upright = probabilities(replace(AMONG, upright=2.0, shares=()))[0]
+    assert math.log(upright / (1 - upright)) == pytest.approx(among + 2 * 0.72)
     assert probabilities(replace(AMONG, in_range=0.5))[0] < probabilities(AMONG)[0] / 2
 
 
@@ -90,6 +94,42 @@ def test_a_regular_pattern_has_a_sidelobe_and_an_object_has_none() -> None:
     template = PreparedPhotograph(crop).calibrated
     assert template.sidelobe(crop.downsample(template.shrink).image) < 0.5
     assert template.sidelobe(torch.zeros(1, 1, 64, 64)) == 1.0  # nothing is rendered
+
+
+def test_an_object_is_like_the_models_only_upright() -> None:
+    meshes = list(sample_chairs().values())[:3]
+    camera, penalties = Camera.from_field_of_view(30, 128, 128), {0.0: 0.0, 15.0: 0.0, 30.0: 1.0}
+    (image,) = render(meshes[0], torch.tensor([[30.0, 15, 2, 0, 0, 0]]), camera)
+    models = [prepared_model(mesh) for mesh in meshes]
+
+    def compare(photograph: Tensor) -> float:
+        crop = crop_object(photograph, (8, 8, 120, 120))
+        return compare_turned(models, PreparedPhotograph(crop), penalties)
+
+    upright = compare(image)
+    assert upright > 1
+    for quarters in (1, 2, 3):  # as unlike, but for what rounding does
+        assert compare(image.rot90(quarters, (1, 2))) < -upright + 0.1
+    same_all_around = image + image.rot90(1, (1, 2)) + image.rot90(2, (1, 2)) + image.rot90(3, (1, 2))
+    assert compare(same_all_around / 4) == pytest.approx(0, abs=0.05)
+
+
+def test_a_turned_crop_is_valid_where_the_photograph_is() -> None:
+    photograph = torch.rand(1, 100, 100, generator=torch.Generator().manual_seed(0))
+    cut = crop_object(photograph, (60, 70, 130, 110))
+    for quarters in (1, 2, 3):
+        turned = cut.turn_quarters(quarters)
+        whole = crop_object(photograph.rot90(quarters, (1, 2)), turn_box((60, 70, 130, 110), quarters))
+        assert torch.equal(turned.image, cut.image.rot90(quarters, (2, 3)))
+        assert tuple(turned.valid) == pytest.approx(tuple(whole.valid))
+
+
+def turn_box(box: tuple[float, float, float, float], quarters: int) -> tuple[float, ...]:
+    """The box in a photograph of 100x100 pixels that is turned counter-clockwise."""
+    corners = np.array(box).reshape(2, 2) - 50
+    for _ in range(quarters):
+        corners = corners @ [[0, -1], [1, 0]]
+    return *corners.min(axis=0) + 50, *corners.max(axis=0) + 50
 
 
 @pytest.mark.parametrize("name", ["brick", "coins"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import pytest
@@ -13,6 +14,7 @@ from nablahog.pose.vote import (
     Hypothesis,
     compare_shares,
     mean_viewpoint,
+    measure_agreement,
     midway_azimuth,
     select_other_sides,
     select_promising,
@@ -59,6 +61,18 @@ def test_a_side_that_is_likely_in_itself_needs_fewer_votes() -> None:
     likely = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
     assert models_of(vote(voters, 1, likely)[0]) == "c"
     assert vote(voters, 1, likely + 100)[0][1] == pytest.approx(vote(voters, 1, likely)[0][1])
+
+
+def test_agreement_is_the_mean_angle_to_the_best_rotation() -> None:
+    level = [
+        replace(pose, pose=pose.pose * torch.tensor([1, 0, 1, 1, 1, 1])) for pose in poses([0.0, 9, 180], [5.0] * 3)
+    ]
+    assert measure_agreement(level[0], level, torch.zeros(3, dtype=torch.float64)) == pytest.approx(1 - (9 + 90) / 270)
+    likely = torch.tensor([1.0, 1.0, -99.0], dtype=torch.float64)
+    assert measure_agreement(level[0], level, likely) == pytest.approx(1 - 9 / 180)
+    tilted = replace(level[0], pose=level[0].pose + torch.tensor([0, 0, 0, 45, 0, 0]))
+    assert measure_agreement(tilted, level[:1], likely[:1]) == pytest.approx(0.5)
+    assert measure_agreement(level[0], level[:1], likely[:1]) == pytest.approx(1)
 
 
 def test_many_good_poses_outvote_the_best_one() -> None:

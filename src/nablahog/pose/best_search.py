@@ -22,6 +22,7 @@ from .vote import (
     compare_shares,
     interpolate_evidence,
     mean_viewpoint,
+    measure_agreement,
     midway_azimuth,
     recognizes_models,
     select_promising,
@@ -72,7 +73,8 @@ class BestSearch(SearchSteps):
     def choose_by_vote(self, tilted: Sequence[Hypothesis]) -> PoseEstimate:
         """The side on which poses of several models agree, and the best of these."""
         voters = self.ascend(tilted, SHORT_SCHEDULE)
-        (on_side, share), *other_sides = vote(voters, _VOTED_SIDES, self.weigh_azimuths(voters))
+        likely_azimuths = self.weigh_azimuths(voters)
+        (on_side, share), *other_sides = vote(voters, _VOTED_SIDES, likely_azimuths)
         chosen = on_side[:_AVERAGED]
         ascended = self.ascend(chosen)
         agreeing = sort_by_score(ascended)
@@ -83,7 +85,8 @@ class BestSearch(SearchSteps):
         best = self.move_to_viewpoint(agreeing[0], viewpoint)
         traced = [*ascended, *(hypothesis for hypothesis in voters if hypothesis not in chosen)]
         shares = {poses[0]: other_share / share for poses, other_share in other_sides}
-        return self._estimate(best, traced, shares, agreement=share)
+        agreement = measure_agreement(best, voters, likely_azimuths)
+        return self._estimate(best, traced, shares, agreement=agreement)
 
     @cached_property
     def _prior(self) -> ViewpointPrior | None:

@@ -48,6 +48,13 @@ class ObjectCrop(CropView):
             valid=Box(*(side / factor for side in self.valid)),
         )
 
+    def turn_quarters(self, count: int) -> ObjectCrop:
+        """The crop turned by ``count`` quarters of a turn counter-clockwise; only its image and where that is valid."""
+        side, valid = self.image.shape[-1], self.valid
+        for _ in range(count):
+            valid = Box(valid.y0, side - valid.x1, valid.y1, side - valid.x0)
+        return replace(self, image=self.image.rot90(count, (2, 3)), valid=valid)
+
     def convert_pose(self, pose: Tensor, other: ObjectCrop) -> Tensor:
         """A pose (6,) for this crop, converted to another crop of the same photograph by the same camera."""
         moved = pose.clone()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
 
 from .confidence import Evidence
-from .model import DETAIL, VIEW_COUNT, equidistant_azimuths
+from .model import DETAIL, VIEW_COUNT, PreparedModel, equidistant_azimuths, view_descriptors
+from .photograph import PreparedPhotograph
 from .problem import PoseProblem, allowed_azimuths
 from .similarity import downsample_poses
 from .viewpoint_prior import ViewpointPrior
@@ -30,14 +31,16 @@ def gather_evidence(
 
     ``agreement`` is as :class:`.confidence.Evidence` has it; ``prior`` must know the class.
     """
+    models = list(problem.models.values())
     return Evidence(
-        known_model=len(problem.models) == 1,
+        known_model=len(models) == 1,
         similarity=best.similarity,
         penalty=float(problem.penalty(best.pose[None], best.photograph)),
         sidelobe=_find_sidelobe(problem, best),
         agreement=agreement,
         shares=tuple(shares),
         in_range=_estimate_in_range(problem, prior),
+        upright=compare_turned(models, best.place, problem.level_penalties) if len(models) > 1 else 0.0,
     )
 
 
@@ -52,6 +55,26 @@ def probability_in_range(log_probabilities: Tensor, near: Tensor) -> float:
         return 1.0
     inside, outside = (log_probabilities[part].logsumexp(0) - math.log(int(part.sum())) for part in (near, ~near))
     return float(torch.sigmoid(inside - outside + math.log(_RANGE_RIGHT / (1 - _RANGE_RIGHT))))
+
+
+def compare_turned(
+    models: Sequence[PreparedModel], photograph: PreparedPhotograph, penalties: Mapping[float, float]
+) -> float:
+    """How much more similar the median model's best view is to a crop than to the crop turned by 90, 180 or 270°.
+
+    A pattern is as much like a model when it is turned, an object that stands is not.  ``penalties`` of the similarity
+    are by elevation of the views, degrees.
+    """
+    own = photograph.own_background
+    turned = [PreparedPhotograph(photograph.crop.turn_quarters(count), own) for count in (1, 2, 3)]
+    weights = torch.stack([crop.calibrated.weights.flatten() for crop in (photograph, *turned)], 1)
+    best = torch.full((len(models), weights.shape[1]), -torch.inf)
+    for row, model in zip(best, models, strict=True):
+        for elevation, penalty in penalties.items():
+            similarities = view_descriptors(model, elevation, own).flatten(1) @ weights
+            torch.maximum(row, similarities.amax(0) - penalty, out=row)
+    upright, *others = best.quantile(0.5, dim=0).tolist()
+    return float(upright - max(others))
 
 
 def _estimate_in_range(problem: PoseProblem, prior: ViewpointPrior | None) -> float:

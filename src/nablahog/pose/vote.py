@@ -14,6 +14,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from ..metrics import rotation_error
 from .ascent import SearchTrace
 from .covariance import pose_covariance
 from .crop import CROP_FILL
@@ -40,6 +41,7 @@ _COARSE_WEIGHT = (
 )
 _VOTE_SCALE = 0.8  # difference in similarity that reduces a pose's weight to 1/e
 _VOTE_BLUR = 12.0  # degrees
+_FARTHEST = 90.0  # degrees between two rotations: no farther ones disagree more
 _SAME_POSE = 12.0  # degrees: of poses whose rotations are closer only the best is tried
 _RUNNERS_UP = 3  # poses from other sides that are kept
 _SOFT_MAXIMUM = 0.5  # of the soft maximum, in units of similarity
@@ -110,11 +112,7 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
         evidence: logarithms of the probabilities of the poses' azimuths for any model, (N,).
     """
     azimuths = torch.tensor([hypothesis.azimuth for hypothesis in poses], dtype=torch.float64)
-    similarities = [
-        _COARSE_WEIGHT * hypothesis.coarse + (1 - _COARSE_WEIGHT) * hypothesis.similarity - hypothesis.penalty
-        for hypothesis in poses
-    ]
-    weights = _weights(torch.tensor(similarities, dtype=torch.float32).double() + _VOTE_SCALE * evidence)
+    weights = _vote_weights(poses, evidence)
     apart = signed_angles(azimuths[:, None] - azimuths)
     votes, total = torch.exp(-0.5 * (apart / _VOTE_BLUR) ** 2) @ weights, float(weights.sum())
     sides: list[tuple[list[Hypothesis], float]] = []
@@ -125,6 +123,17 @@ def vote(poses: Sequence[Hypothesis], count: int, evidence: Tensor) -> list[tupl
         sides.append((sort_by_score(on_side), float(weights[voters].sum()) / total))
         votes[near] = -torch.inf
     return sides
+
+
+def measure_agreement(best: Hypothesis, poses: Sequence[Hypothesis], evidence: Tensor) -> float:
+    """How much the rotations of the poses that :func:`vote` had agree with the best one's, in 0…1.
+
+    1 less their mean angle to it in units of 90°, which is the most that counts.
+    """
+    viewpoints = torch.stack([hypothesis.pose[[0, 1, 3]] for hypothesis in poses])
+    angles = torch.from_numpy(rotation_error(viewpoints.numpy(), best.pose[[0, 1, 3]].numpy()))
+    weights = _vote_weights(poses, evidence)
+    return 1 - float(weights @ angles.clamp(max=_FARTHEST) / weights.sum()) / _FARTHEST
 
 
 def mean_viewpoint(poses: Sequence[Hypothesis]) -> Tensor:
@@ -199,6 +208,15 @@ def select_runners_up(shares: Mapping[Hypothesis, float], azimuths: Sequence[flo
     """The poses of the highest shares from sides other than those of ``azimuths`` and of each other; their shares."""
     chosen = select_other_sides(shares, azimuths, _RUNNERS_UP, shares.__getitem__)
     return {hypothesis: min(max(shares[hypothesis], 0.0), 1.0) for hypothesis in chosen}
+
+
+def _vote_weights(poses: Sequence[Hypothesis], evidence: Tensor) -> Tensor:
+    """Weights of poses, (N,), float64, by their similarities and the evidence for their azimuths, see :func:`vote`."""
+    similarities = [
+        _COARSE_WEIGHT * hypothesis.coarse + (1 - _COARSE_WEIGHT) * hypothesis.similarity - hypothesis.penalty
+        for hypothesis in poses
+    ]
+    return _weights(torch.tensor(similarities, dtype=torch.float32).double() + _VOTE_SCALE * evidence)
 
 
 def _weights(similarities: Tensor) -> Tensor:
