@@ -32,6 +32,22 @@ def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeyp
     ]
 
 
+def test_the_start_of_processes_tells_nothing_of_the_time_left(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two processes take 30 s to start, then 10 s for ten images each."""
+    monkeypatch.setattr(terminal, "FIRST_LINE", 10.0)
+    times = iter([0.0, 0.0, 40.0, 41.0, *(time for k in range(5, 13) for time in (10.0 * k, 10.0 * k + 1))])
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(times))
+    with terminal.counter("nablahog x", "images") as progress:
+        for done in range(0, 190, 10):
+            progress(done, 2000, "")
+    assert capsys.readouterr().err.splitlines() == [
+        "nablahog x: 10 of 2,000 images done",
+        "nablahog x: 130 of 2,000 images done, about 16 min left",  # 187 pairs of ten images
+    ]
+
+
 def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     terminal.say(f"Skipped: {NAME}")
     terminal.print_table([{"input": NAME, "size": [1, 2]}])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import itertools
 import os
 from argparse import Namespace
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from ..io.files import local_name, natural_order
 from ..io.images import image_endings
 from ..runtime.errors import explain
 from ..runtime.text import decode_text
+from .errors import Skipping
 from .inputs import expand, tell_of_subfolders
 
 LIST = "@"
@@ -26,25 +28,35 @@ VERSIONS = ("ETag", "etag", "CRC", "mtime", "LastModified", "last_modified", "cr
 """What stores say of a file that changes with it, the surest first."""
 
 
-def list_images(arguments: Namespace) -> list[ImageState]:
-    """All images among the ``inputs`` of a command, in order; ValueError if there are none."""
+def list_images(arguments: Namespace) -> tuple[list[ImageState], Skipping]:
+    """All images among the ``inputs`` of a command, in order: of files and folders, then of URLs, then of lists.
+
+    What stands for no image is skipped: a folder or pattern without any, and a store that cannot be opened.  A file
+    that is not there counts as an image, whose row will say so.
+
+    Raises:
+        ValueError: there are no images, or a list cannot be read.
+    """
     named = [_decode_file_url(name) for name in arguments.inputs if not name.startswith(LIST)]
-    plain = [name for name in named if "://" not in name]
-    images = _expand(arguments, plain) if plain else []
-    for name in named:
-        if "://" in name:
-            images += _list_store(name)
-    for name in arguments.inputs:
-        for line in map(_decode_file_url, map(local_name, _read_lines(name[1:]) if name.startswith(LIST) else ())):
+    lists = [_read_lines(name[1:]) for name in arguments.inputs if name.startswith(LIST)]
+    lines = [_decode_file_url(local_name(line)) for line in itertools.chain(*lists)]
+    images: list[ImageState] = []
+    skipping = Skipping(arguments.command, len(named) + len(lines))
+
+    for name in sorted(named, key=lambda name: "://" in name):
+        with skipping.guard(name):
+            images += _list_store(name) if "://" in name else _expand(arguments, name)
+    for line in lines:
+        with skipping.guard(line):
             if "://" in line:  # signed URLs have question marks, which are no patterns
                 images += _list_store(line) if "*" in line else [ImageState(line)]
             elif os.path.isdir(line) or glob.has_magic(line):
-                images += _expand(arguments, [line])
+                images += _expand(arguments, line)
             else:
                 images.append(_read_state(line))
     if not images:
         raise ValueError("there are no images among the inputs")
-    return images
+    return images, skipping
 
 
 def _decode_file_url(name: str) -> str:
@@ -60,8 +72,8 @@ def _decode_file_url(name: str) -> str:
     return decoded if exists(decoded) and not exists(path) else name
 
 
-def _expand(arguments: Namespace, names: list[str]) -> list[ImageState]:
-    return list(map(_read_state, expand(names, arguments, image_endings()).paths))
+def _expand(arguments: Namespace, name: str) -> list[ImageState]:
+    return list(map(_read_state, expand([name], arguments, image_endings()).paths))
 
 
 def _read_state(path: str) -> ImageState:

@@ -125,8 +125,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise_at_interrupt()  # from here on results may be half done
         status = run(arguments)
         sys.stdout.flush()  # a closed pipe should fail here, not at exit
-    except KeyboardInterrupt:
-        return _failed(command, "interrupted", INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        return _failed(command, "; ".join(["interrupted", *map(str, stop.args)]), INTERRUPTED)
     except BrokenPipeError:
         # the reader has closed the pipe; Python would fail again when it flushes stdout at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

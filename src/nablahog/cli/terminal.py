@@ -57,7 +57,13 @@ def counter(name: str, items: str) -> Iterator[Counter]:
     steady = 600  # seconds over which the time left is estimated: items take long, some longer than others
     with Progress(*columns, at_work, console=console, transient=True, speed_estimate_period=steady) as bars:
         task = bars.add_task("", total=None)
-        yield lambda done, total, what: bars.update(task, completed=done, total=total, description=printable(what))
+
+        def show(done: int, total: int, what: str) -> None:
+            if bars.tasks[0].total is None:  # what an earlier run has done tells nothing of the speed of this one
+                bars.reset(task, completed=done, total=total)
+            bars.update(task, completed=done, total=total, description=printable(what))
+
+        yield show
 
 
 class _Lines:
@@ -68,17 +74,28 @@ class _Lines:
         self.began = time.monotonic()
         self.next_line = self.began + FIRST_LINE
         self.before: int | None = None  # done in an earlier run
+        self.first: tuple[float, int] | None = None  # when items were done in this run for the first time, and how many
 
     def __call__(self, done: int, total: int, what: str) -> None:
         now = time.monotonic()
         if self.before is None:
             self.before, self.began = done, now  # what came before the first item does not count
-        if now >= self.next_line and done > self.before:
+        if self.first is None and done > self.before:
+            self.first = now, done
+        if now >= self.next_line and self.first is not None:
             self.next_line = now + LINE_INTERVAL
-            left = (now - self.began) / (done - self.before) * (total - done)
-            remaining = f", {_say_left(left)} left" if done < total else ""
             at_work = f" ({printable(what)})" if what else ""
-            print(f"{self.name}: {done:,} of {total:,} {self.items} done{remaining}{at_work}", file=sys.stderr)
+            left = self._left(now, done, total, *self.first)
+            print(f"{self.name}: {done:,} of {total:,} {self.items} done{left}{at_work}", file=sys.stderr)
+
+    def _left(self, now: float, done: int, total: int, first: float, done_first: int) -> str:
+        """The time left by the speed since the first items, before which processes start.
+
+        Empty until as much time has passed since then: several processes end their first items nearly at once.
+        """
+        if done in (done_first, total) or now - first < first - self.began:
+            return ""
+        return f", {_say_left((now - first) / (done - done_first) * (total - done))} left"
 
 
 def _say_left(seconds: float) -> str:

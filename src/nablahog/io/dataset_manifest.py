@@ -122,8 +122,9 @@ class Manifest:
         for name in parameters:
             found, expected = getattr(self.spec, name), getattr(other.spec, name)
             if found != expected:
+                what = "preset" if name == "name" else name
                 raise ValueError(
-                    f"it has other descriptors than asked for: their {name} is {found!r}, not {expected!r}"
+                    f"it has other descriptors than asked for: their {what} is {found!r}, not {expected!r}"
                 )
         if self.size != other.size:
             found, expected = (f"{size} pixels" if size else "full size" for size in (self.size, other.size))

@@ -177,6 +177,27 @@ def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_what_stands_for_no_image_is_skipped(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In a list as on the command line; a file that is missing has a row."""
+    (tmp_path / "list.txt").write_text(f"{photos / '*.jpg'}\n{photos / '0.png'}\n{photos / 'gone.png'}\n")
+    out = str(tmp_path / "o.parquet")
+    assert main(["hog", f"@{tmp_path / 'list.txt'}", str(photos / "*.tif"), "-o", out]) == 3
+    told = capsys.readouterr().err
+    assert all(f"skipped: {photos / name}" in told for name in ("*.jpg", "*.tif"))
+    assert [row.error is None for row in DescriptorDataset(out)] == [True, False]
+
+
+def test_an_interrupted_command_says_that_it_continues(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(job: describing.ShardJob) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(describing.ShardJob, "run", interrupt)
+    assert main(["hog", str(photos), "-o", str(tmp_path / "o.parquet")]) == 130
+    assert "continues" in capsys.readouterr().err
+
+
 def test_archives_and_brackets(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:
     with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
         for k in (0, 1):
@@ -222,7 +243,7 @@ def test_what_it_refuses(
     assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0
     refused("hog", *[other] * 4, "-o", out, message=f"4 images not among the inputs ({one}, {one}, {one}, …)")
     refused("hog", one, "-o", out, message="3 images not among the inputs")
-    refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="their name is 'uoctti', not 'dpm'")
+    refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="their preset is 'uoctti', not 'dpm'")
     refused("hog", *[one] * 4, "-o", out, "--set", "cell_size=4", message="their cell_size is (8, 8), not (4, 4)")
     refused("hog", *[one] * 4, "-o", out, "--size", "9", message="of images at full size, not at 9 pixels")
     with monkeypatch.context() as patch:

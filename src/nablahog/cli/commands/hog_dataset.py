@@ -36,7 +36,8 @@ def hog_dataset(arguments: Namespace) -> int:
         from ...jobs.describing import ShardJob
         from ..image_lists import list_images
     request, target = build_request(HogRequest, arguments), arguments.output.rstrip("/")
-    manifest = _plan(target, list_images(arguments), request)
+    images, skipping = list_images(arguments)
+    manifest = _plan(target, images, request)
     remove_parts(Path(target))
     shards = find_shards(target, manifest)
     if all(shards):  # nothing is left to do but to look for damage
@@ -63,10 +64,13 @@ def hog_dataset(arguments: Namespace) -> int:
     if not jobs:
         begin(0)  # perhaps it alone is missing
     before = len(manifest) - sum(len(job.paths) for job in jobs)
-    reasons = _do(jobs, before, len(manifest), arguments, begin)
+    try:
+        reasons = _do(jobs, before, len(manifest), arguments, begin)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("the same command, repeated, continues") from None
     if reasons:
         raise ValueError(f"{counted(len(reasons), 'shard')} could not be written; the first: {reasons[0]}")
-    return _report(target, before)
+    return _report(target, before) or skipping.status
 
 
 def _plan(target: str, images: Sequence[ImageState], request: HogRequest) -> Manifest:
