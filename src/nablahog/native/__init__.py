@@ -61,10 +61,8 @@ def library() -> ctypes.CDLL | None:
         return None
     changed = changed_since(best)
     if changed:
-        more = f" and {len(changed) - 2} more files" if len(changed) > 2 else ""
-        raise RuntimeError(
-            f"{', '.join(changed[:2])}{more} changed after the compiled loops were built: run `make native`"
-        )
+        names = ", ".join([*changed[:2], "…"] if len(changed) > 2 else changed)
+        raise RuntimeError(f"{names} changed after the compiled loops were built: run `make native`")
     return ctypes.CDLL(str(best))
 
 

@@ -236,6 +236,8 @@ def maskfeat(
 ) -> HOGSpec:
     """The descriptor of MaskFeat's ``HOGLayerC`` (SlowFast ``models/operators.py``), in (3, bins, rows, cols).
 
+    The layer equals it on pixels in 0…255; on normalised ones its own rounding decides ties (``docs/libraries.md``).
+
     Args:
         cell_size: ``pool``, pixels of a cell.
         nbins: bins over 180°.
