@@ -141,7 +141,7 @@ def test_parameters_without_a_preset_are_those_of_the_one_that_is_found(
     assert "--preset skimage --set pixels_per_cell=4x4 --image-size 48x64, because" in capsys.readouterr().err
     refused(*command, "cell_size=4", message="--set cell_size=4")
     refused(*command, "orientations=11", message="no preset with orientations=11 makes descriptors of the")
-    refused(*command, "pixels_per_cel=4", message="no preset has a parameter 'pixels_per_cel'; did you mean")
+    refused(*command, "pixels_per_cel=4", message="no preset has a parameter 'pixels_per_cel'; did you mean", status=2)
     Image.fromarray(CHELSEA).save(tmp_path / "cat.png")
     command[1] = str(tmp_path / "cat.png")
     refused(

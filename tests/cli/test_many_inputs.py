@@ -182,8 +182,10 @@ def test_stdin_as_it_should_not_be(
     for content, message in ((b"", "-: expected a file of 1 … "), (b"hello", "-: expected an image")):
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
         refused("hog", "-", *to, message=message)
-    refused("hog", "-", "-", *to, message="stdin can be read once")
-    refused("hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout")
+    refused("hog", "-", "-", *to, message="stdin can be read once", status=2)
+    refused(
+        "hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout", status=2
+    )
 
 
 def test_batches_hold_one_spec_and_size_and_not_too_much(monkeypatch: pytest.MonkeyPatch) -> None:

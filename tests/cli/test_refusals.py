@@ -84,10 +84,10 @@ def test_inputs_are_not_overwritten(tmp_path: Path, photo: str, refused: Callabl
 
 def test_one_file_for_several_inputs(tmp_path: Path, photo: str, refused: Callable[..., None]) -> None:
     for command, name in [("hog", "d.npz"), ("glyph", "g.png")]:
-        refused(command, photo, photo, "-o", str(tmp_path / name), message="several inputs need a folder")
-    refused("glyph", photo, "-o", str(tmp_path / "g.jpg"), message="glyphs are written as PNG")
+        refused(command, photo, photo, "-o", str(tmp_path / name), message="several inputs need a folder", status=2)
+    refused("glyph", photo, "-o", str(tmp_path / "g.jpg"), message="glyphs are written as PNG", status=2)
     for name in ("d.npy", "d.png"):
-        refused("hog", photo, "-o", str(tmp_path / name), message="descriptors are written as .npz")
+        refused("hog", photo, "-o", str(tmp_path / name), message="descriptors are written as .npz", status=2)
 
 
 def test_errors_are_one_short_printable_line(
@@ -114,11 +114,11 @@ def test_errors_are_one_short_printable_line(
         (["-o", "-"], 2),
         (["--wat"], 2),
         (["--set", "nbins=8"], 1),
-        (["--preset", "opencv", "--set", "cell_size=6"], 1),
+        (["--preset", "opencv", "--set", "cell_size=6"], 2),
         (["--size", "4"], 1),
-        (["--method", "paper", "--quality", "fast"], 1),
-        (["--template", "--samples", "2"], 1),
-        (["--samples", "2", "--prior", "none"], 1),
+        (["--method", "paper", "--quality", "fast"], 2),
+        (["--template", "--samples", "2"], 2),
+        (["--samples", "2", "--prior", "none"], 2),
     ],
 )
 def test_bad_options(tmp_path: Path, photo: str, refused: Callable[..., None], options: list[str], status: int) -> None:

@@ -42,6 +42,7 @@ def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("image_path,xmin\na.png,1\n", "image is missing among image_path, xmin: rename the one that means it"),
         ("", "line 1: expected the columns image, x, .* but image is missing"),
         ("image|x\na|1\n", "divided by commas, semicolons or tabs"),
         ("image,x,X\na,1,2\n", "line 1: expected one column x, got 2"),

@@ -18,6 +18,7 @@ from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 if TYPE_CHECKING:
     from ..requests.arrays import Suggestion
 
+WRONG_ARGUMENTS = 2  # exit status: as argparse's own, also of arguments that do not go together
 SOME_SKIPPED = 3  # exit status: some inputs were skipped, the others done
 REFUSED = 4  # exit status: there is a result, but it is less sure than was asked for
 _REMEDIES = {
@@ -28,6 +29,21 @@ _REMEDIES = {
 """The options that help, by what an error is about."""
 OPTIONS = {option.name: option.flag for request in (InvertRequest, PoseRequest) for option in list_options(request)}
 """The options of the command by the names of arguments."""
+
+
+class WrongArguments(ValueError):
+    """Arguments that do not go together, whatever the inputs hold."""
+
+
+@contextmanager
+def blaming_arguments() -> Iterator[None]:
+    """Turns a ValueError in the block, which reads no input, into WrongArguments."""
+    try:
+        yield
+    except InputError:
+        raise
+    except ValueError as error:
+        raise WrongArguments(str(error)) from None
 
 
 def tell(command: str, message: str) -> None:

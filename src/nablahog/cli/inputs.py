@@ -30,7 +30,7 @@ from ..requests.templates import OPENCV_ENDINGS, is_opencv_file, read_templates
 from ..runtime.extras import extra
 from ..runtime.groups import split_by_weight
 from ..runtime.text import counted
-from .errors import Skipping
+from .errors import Skipping, WrongArguments
 from .terminal import inform
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str])
     paths: list[str] = []
     empty: list[tuple[str, str]] = []
     if names.count(STDIN) > 1:
-        raise ValueError("stdin can be read once: expected one - among the inputs")
+        raise WrongArguments("stdin can be read once: expected one - among the inputs")
     for name in names:
         if os.path.isdir(name):
             if os.path.realpath(name) == os.path.realpath(arguments.output):

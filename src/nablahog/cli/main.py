@@ -18,7 +18,7 @@ from ..runtime.text import MOST_ERROR_CHARACTERS, one_line
 from .arguments import options
 from .arguments.options import Parser
 from .arguments.parsers import KINDS, demo, glyph, hog, invert, learn, pose, table1, table2
-from .errors import tell, word_error
+from .errors import WRONG_ARGUMENTS, WrongArguments, tell, word_error
 from .interruption import INTERRUPTED, raise_at_interrupt
 
 PORT = 8765
@@ -95,7 +95,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command with ``argv``, by default the arguments of this process.
 
     Returns:
-        The exit status: 0; 1 after an error, which one line on stderr names; 2 for wrong arguments; 3 when some
+        The exit status: 0; 1 after an error, which one line on stderr names; 2 for arguments that are wrong
+        or do not go together; 3 when some
         inputs were skipped, each with a line on stderr, and the others done; 4 when the confidence of a pose is
         too low; 130 when interrupted.
     """
@@ -132,7 +133,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ValueError, OSError) as error:
-        return _failed(command, word_error(error))
+        return _failed(command, word_error(error), WRONG_ARGUMENTS if isinstance(error, WrongArguments) else 1)
     except (MemoryError, RuntimeError) as error:
         if not isinstance(error, MemoryError) and "memory" not in str(error):
             raise

@@ -90,13 +90,15 @@ def read_csv(path: str | os.PathLike[str], required: Sequence[str]) -> list[List
         remarks = int(table != written)
         delimiter = max(",;\t", key=table.partition("\n")[0].count)  # the first of equals
         reader = csv.DictReader(io.StringIO(table), delimiter=delimiter, skipinitialspace=True)
-        names = [name.strip().lower() for name in reader.fieldnames or ()]
-        names = [_OTHER_NAMES.get(name, name) for name in names]
+        written_names = [name.strip().lower() for name in reader.fieldnames or ()]
+        names = [_OTHER_NAMES.get(name, name) for name in written_names]
         reader.fieldnames = names
         missing = [name for name in required if name not in names]
         if missing:
-            divided = "divided by commas, semicolons or tabs"
-            raise ValueError(f"expected the columns {', '.join(required)}, {divided}, but {missing[0]} is missing")
+            raise ValueError(
+                f"expected the columns {', '.join(required)}, divided by commas, semicolons or tabs, but {missing[0]} "
+                f"is missing among {', '.join(written_names) or 'none'}: rename the one that means it, or add it"
+            )
         twice = next((name for name in names if name and names.count(name) > 1), None)
         if twice is not None:
             raise ValueError(f"expected one column {twice}, got {names.count(twice)}")

@@ -258,7 +258,9 @@ def test_what_it_refuses(
     (tmp_path / "s.parquet").write_bytes(b"x")
     refused("hog", one, "-o", str(tmp_path / "s.parquet"), message="expected a folder for the data set")
     refused("hog", one, "-o", "nostore://x.parquet", message="nostore://x.parquet: Protocol not known")
-    refused("hog", one, "-o", str(tmp_path / "a.npz"), "--workers", "2", message="--workers goes with a data set")
+    refused(
+        "hog", one, "-o", str(tmp_path / "a.npz"), "--workers", "2", message="--workers goes with a data set", status=2
+    )
 
 
 def test_a_cluster_without_dask(

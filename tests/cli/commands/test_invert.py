@@ -168,7 +168,15 @@ def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> 
     refused("invert", str(text), *command, message=f"{text}: expected a model of voc-release5 (.mat), a HOG")
     refused("invert", str(odd), *command, "--preset", "opencv", message="odd.npy: the opencv descriptor")
     refused("invert", str(nothing), *command, message="has no positive weights of edges")
-    refused("invert", people, *command, "--quality", "fast", message="template and quality fast exclude each other")
+    refused(
+        "invert",
+        people,
+        *command,
+        "--quality",
+        "fast",
+        message="template and quality fast exclude each other",
+        status=2,
+    )
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

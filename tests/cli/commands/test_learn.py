@@ -109,7 +109,14 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
     refused(*command, str(tmp_path / "empty"), *to, message="expected a folder of images, but it holds none")
     for output in ("x.png", "empty/x.npz"):
         noun = SUMMARIES[kind].split(" in OUT")[0].lower()
-        refused(*command, images, "-o", str(tmp_path / output), message=f"a {noun} is one file: expected -o FILE.npz")
+        refused(
+            *command,
+            images,
+            "-o",
+            str(tmp_path / output),
+            message=f"a {noun} is one file: expected -o FILE.npz",
+            status=2,
+        )
     refused(*command, images, "-o", f"{images}/0.png/x.npz", *OPTIONS[kind], message="is not a folder")
 
 
@@ -119,7 +126,7 @@ def test_bad_inputs(tmp_path: Path, images: str, kind: str, refused: Callable[..
         ("background", [], "no image is usable; the first: 0.png: expected at least 96x96 pixels, got 40x48", 1),
         ("background", ["--preset", "paper"], "a locally normalised descriptor", 1),
         ("bovw", ["--size", "20"], "windows of 32x32 pixels", 1),
-        ("hoggles", ["--set", "a=b"], "uoctti has no parameter 'a'", 1),
+        ("hoggles", ["--set", "a=b"], "uoctti has no parameter 'a'", 2),
         ("poses", [], "invalid choice: 'poses'", 2),
     ],
 )

@@ -212,7 +212,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("the elevation of --init must be a finite number in -90 … 90, got 91", 2, init="0,91")
     check("--focal must be a finite number of pixels above 0", 2, focal="-3")
     check("--up must be one of 'x', 'y', 'z'", 2, up="up")
-    check("got 'z' and '-z'", up="z", front="-z")
+    check("got 'z' and '-z'", 2, up="z", front="-z")
     check("models/bad.off: ", mesh=Path(folder, "bad.off"))
     check(f"error: {folder}/no.obj: no such file", mesh=Path(folder, "no.obj"))
     check("whose EXIF data has one", focal="exif")
@@ -220,7 +220,8 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     check("--distortion needs a known focal length", distortion="0.1,0,0,0")
     check("--distortion must be OpenCV's k1, k2, p1, p2, k3", 2, distortion="0.1,0.2")
     check("--intrinsics must be a camera matrix (3, 3), or fx, fy, cx, cy", 2, intrinsics="300,300")
-    check("leave --focal and --principal-point out", intrinsics="300,300,90,75", focal="300")
+    check("--within needs --init", 2, within="20")
+    check("leave --focal and --principal-point out", 2, intrinsics="300,300,90,75", focal="300")
     check("camera.json: no such file", intrinsics=tmp_path / "camera.json")
     cameras = tmp_path / "cameras.txt"
     cameras.write_text("1 SIMPLE_RADIAL 640 480 300 320 240 -0.1\n")
@@ -234,7 +235,7 @@ def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., Non
     (tmp_path / "empty" / "b.ply").write_text("hello")
     check("no model can be read; the first: ", mesh=tmp_path / "empty")
     refused("pose", folder, "--mesh", f"{folder}/wooden.off", *to, message="expected an image file, got a folder")
-    refused("pose", photograph, "--up", "y", *to, message="--up and --front")
+    refused("pose", photograph, "--up", "y", *to, message="--up and --front", status=2)
 
 
 def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def test_several_boxes(tmp_path: Path, photos: Path) -> None:
 def test_bad_lists(tmp_path: Path, photos: Path, refused: Callable[..., None]) -> None:
     whole = arguments(tmp_path)
     refused("pose", str(photos / "a.png"), *whole[2:], message="expected a folder of the photographs")
-    refused(*whole, "--box", "1,2,30,40", message="expected no --box, --init or --mask")
+    refused(*whole, "--box", "1,2,30,40", message="expected no --box, --init or --mask", status=2)
     (tmp_path / "objects.csv").write_text("image,x0,y0,x1,y1\na.png,1,2,3,w\n")
     refused(*whole, message="objects.csv, line 2, column y1 must be a finite number, got 'w'")
     (tmp_path / "objects.csv").write_text("image\nnone.png\nother.png\n")

@@ -64,7 +64,7 @@ def test_what_it_refuses(tmp_path: Path, images: str, refused: Callable[..., Non
     refused(*to, "--images", str(tmp_path / "empty"), message="expected a folder of images, but it holds none")
     refused(*to, "--images", images, "--learned", f"prior={images}/no", message="no such file")
     options = ["--learned", f"prior={images}/0.png", "--methods", "dalal-single"]
-    refused(*to, "--images", images, *options, message="these do: uoctti-learned")
+    refused(*to, "--images", images, *options, message="these do: uoctti-learned", status=2)
 
 
 def test_no_result_at_all(tmp_path: Path, images: str, here: None, refused: Callable[..., None]) -> None:

@@ -41,7 +41,7 @@ def test_files_of_another_kind(
     refused(*table, "--learned", f"hoggles={words}", message=f"{words}: expected a ")
     refused(*table, "--learned", f"bovw={photo}", message=f"{photo}: expected a BoVW model (.npz)")
     refused(*table, "--learned", f"bovw={words}x", message=f"{words}x: no such file")
-    refused(*table, "--methods", "bovw", "--learned", f"hoggles={hoggles}", message="these do: hoggles")
+    refused(*table, "--methods", "bovw", "--learned", f"hoggles={hoggles}", message="these do: hoggles", status=2)
 
 
 @pytest.mark.usefixtures("here")

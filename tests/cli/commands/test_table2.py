@@ -180,7 +180,7 @@ def test_conditions_and_a_repeated_run(tmp_path: Path, models: str) -> None:
 
 def test_refusals(tmp_path: Path, models: str, own: str, published: list[str], refused: Callable[..., None]) -> None:
     to = ["table2", "-o", str(tmp_path / "out")]
-    refused(*to, *published, "--viewpoints", "v.csv", message="--viewpoints is for rendered scenes")
+    refused(*to, *published, "--viewpoints", "v.csv", message="--viewpoints is for rendered scenes", status=2)
     refused(*to, "--pascal3d", models, published[2], message="expected the folder VOC2012 of PASCAL VOC")
     refused(*to, "--models", f"{models}x", message="no such folder")
     (tmp_path / "few").mkdir()
@@ -188,9 +188,16 @@ def test_refusals(tmp_path: Path, models: str, own: str, published: list[str], r
     refused(*to, "--models", str(tmp_path / "few"), "--unknown-model", message="at least 2 models to leave one out")
     refused(*to, "--methods", "hog", message="expected methods such as ", status=2)
     refused(*to, "--conditions", "fog", message="expected conditions such as ", status=2)
-    refused(*to, *published, "--conditions", "exact", message="objects of --pascal3d are cut out along their boxes")
-    refused(*to, own, *published, message="got both")
-    refused(*to, own, "--models", models, "--conditions", "steep", message="steep is for rendered scenes")
+    refused(
+        *to,
+        *published,
+        "--conditions",
+        "exact",
+        message="objects of --pascal3d are cut out along their boxes",
+        status=2,
+    )
+    refused(*to, own, *published, message="got both", status=2)
+    refused(*to, own, "--models", models, "--conditions", "steep", message="steep is for rendered scenes", status=2)
     refused(*to, str(tmp_path / "no.csv"), message="no.csv: no such file")
 
 

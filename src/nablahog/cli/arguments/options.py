@@ -11,6 +11,7 @@ from typing import Any, NoReturn, TypeVar
 from ...requests.dialect import PRESETS, preset_defaults
 from ...requests.options import FLAG, Kind, integer, list_options, path, read_path
 from ...runtime.text import did_you_mean, most_similar, one_line
+from ..errors import blaming_arguments
 
 Request = TypeVar("Request")
 SEVERAL = "a folder (without subfolders) or a quoted pattern for all such files; - for stdin"
@@ -115,12 +116,13 @@ def add_request(command: argparse.ArgumentParser, request: type) -> None:
 
 
 def build_request(request: type[Request], arguments: argparse.Namespace) -> Request:
-    """The request of the options that :func:`add_request` has added."""
+    """The request of the options that :func:`add_request` has added; WrongArguments if they do not go together."""
     values = {}
     for each in list_options(request):  # type: ignore[arg-type]  # mypy takes no class for hashable
         value = getattr(arguments, each.name)
         values[each.name] = value if each.kind.collect is None else each.kind.collect(value or [])
-    return request(**values)
+    with blaming_arguments():
+        return request(**values)
 
 
 def inputs(command: argparse.ArgumentParser, more: str = "") -> None:

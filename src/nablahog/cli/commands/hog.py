@@ -17,6 +17,7 @@ from ...requests.inversion import GlyphRequest, HogRequest
 from ...requests.sources import Source
 from ...viz.pictures import glyph_image
 from ..arguments.options import build_request
+from ..errors import WrongArguments
 from ..inputs import DATASET, Inputs, read_inputs
 from ..terminal import print_table
 from .hog_dataset import hog_dataset
@@ -32,7 +33,7 @@ def hog(arguments: Namespace) -> int:
         return hog_dataset(arguments)
     for option in ("workers", "cluster"):
         if getattr(arguments, option) is not None:
-            raise ValueError(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
+            raise WrongArguments(f"--{option} goes with a data set: expected -o NAME{DATASET}, got {arguments.output}")
 
     def write(target: Writable, source: Source) -> None:
         save_descriptor(target, source.descriptor, source.spec, source.image_size)
@@ -40,7 +41,7 @@ def hog(arguments: Namespace) -> int:
     is_file = not arguments.output.endswith(os.sep)  # a file of nearly any name, since np.load does not mind
     suffix = Path(arguments.output).suffix.lower()
     if suffix in {*image_endings(), *OTHER_FORMATS} and arguments.output not in arguments.inputs:
-        raise ValueError(
+        raise WrongArguments(
             f"descriptors are written as .npz, which numpy.load reads: expected -o FILE.npz, a folder or "
             f"NAME{DATASET}, got {arguments.output}"
         )
@@ -58,7 +59,7 @@ def glyph(arguments: Namespace) -> int:
 
     suffix = Path(arguments.output).suffix.lower()
     if suffix != ".png" and suffix in Image.registered_extensions():
-        raise ValueError(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
+        raise WrongArguments(f"glyphs are written as PNG: expected -o FILE.png or a folder, got {arguments.output}")
     _check_stdout(arguments.output)
     inputs = read_inputs(arguments, build_request(GlyphRequest, arguments))
     _write_files(arguments.output, inputs, "_glyphs.png", write, is_file=suffix == ".png")
@@ -83,7 +84,7 @@ def _write_files(
     to_stdout = name == STDOUT
     if inputs.many and (to_stdout or (output.suffix and ending.endswith(output.suffix.lower()))):
         got = "stdout" if to_stdout else f"the file name {output}"
-        raise ValueError(f"several inputs need a folder: expected -o DIR, got {got}")
+        raise WrongArguments(f"several inputs need a folder: expected -o DIR, got {got}")
     if to_stdout:
         (source,) = inputs.sources
         write(sys.stdout.buffer, source)

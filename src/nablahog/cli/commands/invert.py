@@ -26,7 +26,7 @@ from ...requests.options import changed
 from ...requests.sources import Source
 from ...runtime.cache import code_key
 from ..arguments.options import build_request
-from ..errors import Skipping
+from ..errors import Skipping, WrongArguments
 from ..inputs import read_inputs, read_template_inputs
 from ..results import inversion_page
 from ..results.inversion import (
@@ -102,7 +102,7 @@ def _check_cluster(arguments: Namespace) -> None:
     options = {"--template": arguments.template, "--device": arguments.device != "cpu"}
     for option, chosen in options.items():
         if chosen and arguments.cluster:
-            raise ValueError(f"--cluster and {option} exclude each other")
+            raise WrongArguments(f"--cluster and {option} exclude each other")
 
 
 def _in_batches(

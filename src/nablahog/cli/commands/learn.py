@@ -20,6 +20,7 @@ from ...pose.whitening import Background, check_spec
 from ...requests.dialect import Dialect
 from ..arguments.options import build_request
 from ..arguments.parsers import TRAINING_SIZE
+from ..errors import WrongArguments
 from ..terminal import counter, say, say_ignored
 
 
@@ -28,7 +29,7 @@ def learn(arguments: Namespace) -> None:
     learner, output = _learner(arguments.kind), Path(arguments.output)
     noun = learner.model.NOUN
     if output.suffix.lower() != ".npz" or output.is_dir():
-        raise ValueError(f"a {noun} is one file: expected -o FILE.npz, got {output}")
+        raise WrongArguments(f"a {noun} is one file: expected -o FILE.npz, got {output}")
     spec = _spec(arguments)
     learner.check(spec)  # before any image is read
     photographs = _photographs(arguments, learner, spec)

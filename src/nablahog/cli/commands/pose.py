@@ -31,7 +31,7 @@ from ...runtime.cache import code_key
 from ...runtime.pytorch import in_plain_mode
 from ...runtime.text import to_unicode
 from ..arguments.options import build_request
-from ..errors import REFUSED, SOME_SKIPPED, tell
+from ..errors import REFUSED, SOME_SKIPPED, WrongArguments, blaming_arguments, tell
 from ..results.pose_files import PosedObject, names, position_rows, rows, write
 from ..results.pose_page import pose_page
 from ..results.pose_pictures import join_pictures, joined_shape
@@ -51,7 +51,7 @@ def pose(arguments: Namespace) -> int:
     request = _read_camera(build_request(PoseRequest, arguments))
     objects, photos = _objects(arguments)
     if request.within < 180 and all(one.view is None for one in objects):
-        raise ValueError("--within needs --init, or azimuth and elevation in --annotations")
+        raise WrongArguments("--within needs --init, or azimuth and elevation in --annotations")
     models, ignored = _models(request)
     folder = Path(arguments.output)
     inputs: list[str | Path] = [
@@ -81,6 +81,10 @@ def pose(arguments: Namespace) -> int:
 
 def _read_camera(request: PoseRequest) -> PoseRequest:
     """The request with what its camera's file says in place of the file's name."""
+    if request.intrinsics is not None and (request.focal is not None or request.principal_point is not None):
+        raise WrongArguments(
+            "--intrinsics has focal length and principal point: leave --focal and --principal-point out"
+        )
     if not isinstance(request.intrinsics, str):
         return request
     camera = join_distortion(read_camera_file(request.intrinsics), request.distortion)
@@ -109,11 +113,11 @@ def _objects(arguments: Namespace) -> tuple[list[AnnotatedObject], list[Path]]:
             raise ValueError(f"{photo}: expected an image file, got a folder, which needs --annotations")
         boxes: list[Box | None] = [Box(*sides) for sides in arguments.box or ()] or [None]
         if arguments.mask is not None and len(boxes) > 1:
-            raise ValueError("--mask is for one object: expected one --box, or none")
+            raise WrongArguments("--mask is for one object: expected one --box, or none")
         objects = [AnnotatedObject(k, to_unicode(photo.name), box, arguments.initial) for k, box in enumerate(boxes, 1)]
         return objects, [photo] * len(objects)
     if arguments.box or arguments.initial is not None or arguments.mask is not None:
-        raise ValueError("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
+        raise WrongArguments("--annotations has the boxes and initial poses: expected no --box, --init or --mask")
     check_folder(photo, "the photographs of --annotations")
     objects = read_objects(arguments.annotations, photo)
     return objects, [photo / local_name(one.image) for one in objects]
@@ -123,10 +127,11 @@ def _models(request: PoseRequest) -> tuple[list[Model], list[str]]:
     """The models in the folder or file ``request.mesh``, or those of the package; names of files that are none."""
     if request.mesh is None:
         if request.up or request.front:
-            raise ValueError("--up and --front go with --mesh; the chairs of nablahog need neither")
+            raise WrongArguments("--up and --front go with --mesh; the chairs of nablahog need neither")
         return archived_models(SAMPLE_CHAIRS), []
     if request.up is not None:
-        axes(request.up, request.front)
+        with blaming_arguments():
+            axes(request.up, request.front)
     path = Path(request.mesh)
     if path.is_dir():
         return read_models(path, up=request.up, front=request.front)

@@ -30,6 +30,7 @@ from ...paper.tables import Results
 from ...render.models import SAMPLE_CHAIRS, Model, archived_models, check_models, read_models
 from ...runtime.text import counted
 from ..arguments.parsers import HARDER, SCENES
+from ..errors import WrongArguments, blaming_arguments
 from ..terminal import counter, print_table, say, say_ignored, say_page
 
 VIEWPOINTS = 10_000  # sampled from our own distribution; each scene has one of them
@@ -41,7 +42,8 @@ def table1(arguments: Namespace) -> None:
     """Makes the table of ``arguments.methods`` on ``arguments.images``."""
     files = {kind: Path(file).resolve() for kind, file in arguments.learned or ()}
     shipped = shipped_files()
-    methods, left_out = choose(arguments.methods, files, shipped)
+    with blaming_arguments():
+        methods, left_out = choose(arguments.methods, files, shipped)
     _check_files(files, methods)
     files = {kind: path for kind, path in shipped.items() if any(kind in each.needs for each in methods)} | files
     photographs, origin = _photographs(arguments)
@@ -148,9 +150,9 @@ def _count(photographs: Photographs, noun: str) -> str:
 def objects(arguments: Namespace) -> Objects:
     """The objects of the table, those of the second table by condition, and why models are passed over, by name."""
     if arguments.pascal3d is not None and arguments.annotations is not None:
-        raise ValueError("expected --pascal3d or annotated photographs, got both")
+        raise WrongArguments("expected --pascal3d or annotated photographs, got both")
     if arguments.viewpoints is not None and (arguments.pascal3d or arguments.annotations) is not None:
-        raise ValueError("--viewpoints is for rendered scenes; photographs have their own viewpoints")
+        raise WrongArguments("--viewpoints is for rendered scenes; photographs have their own viewpoints")
     if arguments.pascal3d is not None:
         return _published(arguments)
     return _scenes(arguments) if arguments.annotations is None else _annotated(arguments)
@@ -163,7 +165,7 @@ def _models(folder: str | None, shipped: Path) -> tuple[list[Model], dict[str, s
 
 def _published(arguments: Namespace) -> Objects:
     if arguments.conditions:
-        raise ValueError(
+        raise WrongArguments(
             "--conditions needs scenes or annotations: objects of --pascal3d are cut out along their boxes"
         )
     voc, pascal3d = map(Path, arguments.pascal3d)
@@ -198,7 +200,7 @@ def _annotated(arguments: Namespace) -> Objects:
         names = [name for name in CONDITIONS if CONDITIONS[name].of_photographs and name != "exact"]
     for name in names:
         if not CONDITIONS[name].of_photographs:
-            raise ValueError(f"the condition {name} is for rendered scenes only, not for photographs")
+            raise WrongArguments(f"the condition {name} is for rendered scenes only, not for photographs")
     return made(read), {name: made(read[:HARDER], condition=name) for name in names}, passed_over
 
 
