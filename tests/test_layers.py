@@ -137,6 +137,7 @@ def test_the_command_goes_one_way() -> None:
         "terminal.py",
         "interruption.py",
         "arguments",
+        "input_files.py",
         "inputs.py",
         "image_lists.py",
         "results",

@@ -21,7 +21,7 @@ from ..io.images import image_endings
 from ..runtime.errors import explain
 from ..runtime.text import decode_text
 from .errors import Skipping
-from .inputs import expand, tell_of_subfolders
+from .input_files import expand, tell_of_subfolders
 
 LIST = "@"
 VERSIONS = ("ETag", "etag", "CRC", "mtime", "LastModified", "last_modified", "created")
@@ -103,23 +103,23 @@ def _list_store(name: str) -> list[ImageState]:
     system, path = open_store(name)
     with naming(name):
         if glob.has_magic(path) and not system.exists(path):
-            found = {str(file): about for file, about in system.glob(path, detail=True).items()}
+            listed = {str(file): about for file, about in system.glob(path, detail=True).items()}
         elif system.isdir(path):
-            found = {str(about["name"]): about for about in system.ls(path, detail=True)}
-            folders = [file for file, about in found.items() if about.get("type") == "directory"]
+            listed = {str(about["name"]): about for about in system.ls(path, detail=True)}
+            folders = [file for file, about in listed.items() if about.get("type") == "directory"]
             pattern = f"{path.rstrip('/')}/**/*.jpg" if path.strip("/") else "**/*.jpg"
             tell_of_subfolders(name, folders, _make_url(name, system, path, pattern))
         else:
-            found = {path: {}}
+            listed = {path: {}}
             with suppress(Exception):  # files that are not there, which their rows will say, and stores that don't tell
-                found = {path: system.info(path)}
+                listed = {path: system.info(path)}
         endings = image_endings()
         named = {*Path(path).parts}
         visible = (
-            file for file in found if not any(part.startswith(".") for part in Path(file).parts if part not in named)
+            file for file in listed if not any(part.startswith(".") for part in Path(file).parts if part not in named)
         )
         files = sorted((file for file in visible if Path(file).suffix.lower() in endings), key=natural_order)
-    return [_state_in_store(_make_url(name, system, path, file), found[file]) for file in files]
+    return [_state_in_store(_make_url(name, system, path, file), listed[file]) for file in files]
 
 
 def _make_url(name: str, system: Any, path: str, file: str) -> str:

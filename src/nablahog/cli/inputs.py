@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import glob
-import os
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +15,6 @@ from ..invert import template_descriptor
 from ..io.arrays import is_archive, is_raw, naming, refuse_pickle
 from ..io.descriptor_file import load_descriptor
 from ..io.dpm_file import is_dpm_file
-from ..io.files import distinct_stems, local_name, natural_order
 from ..io.images import image_endings, longer_side, read_image
 from ..io.input_file import InputFile
 from ..io.pixels import MAX_IMAGE_BYTES
@@ -28,84 +25,18 @@ from ..requests.options import words
 from ..requests.sources import STDIN, Source, from_photo, from_stored
 from ..requests.templates import OPENCV_ENDINGS, is_opencv_file, read_templates
 from ..runtime.extras import extra
-from ..runtime.groups import split_by_weight
-from ..runtime.text import counted
-from .errors import Skipping, WrongArguments
+from .input_files import DATASET, Inputs, expand
 from .terminal import inform
 
 if TYPE_CHECKING:
     from ..io.descriptor_dataset import DescriptorDataset
 
-DATASET = ".parquet"
 ARRAY_OPTIONS = ("image_size", "key", "row")  # of requests, about arrays of other libraries
 SIGNS = {"positive": 1, "negative": -1}  # of the weights of a template
 MADE_GRAY = (
     "colour photographs are made gray for this descriptor; scikit-image refuses them, or uses their colours: "
     "write --set channel_axis=-1 for that"
 )
-ROWS_IN_MEMORY = 1000  # of a data set, at a time
-ROW_BYTES = 1 << 28  # of their descriptors
-
-
-def expand(names: Sequence[str], arguments: Namespace, endings: Collection[str]) -> Inputs:
-    """The files that ``names`` stand for, in the inputs of a command.
-
-    A folder stands for the files in it with one of the ``endings``, in natural order, without hidden files and
-    subfolders; a pattern (``*``, ``?``, ``[…]``, ``**``) for the files that match, unless it is the name of a file.
-    """
-    paths: list[str] = []
-    empty: list[tuple[str, str]] = []
-    if names.count(STDIN) > 1:
-        raise WrongArguments("stdin can be read once: expected one - among the inputs")
-    for name in names:
-        if os.path.isdir(name):
-            if os.path.realpath(name) == os.path.realpath(arguments.output):
-                raise ValueError(f"results in the folder {name} would be its inputs next time: expected another -o")
-            items = list(os.scandir(name))
-            files = _select_files(items, endings)
-            folders = [item.path for item in items if item.is_dir()]
-            own = os.path.realpath(arguments.output)
-            others = [folder for folder in folders if os.path.realpath(folder) != own]
-            tell_of_subfolders(name, others, os.path.join(glob.escape(name), "**", "*.jpg"))
-            array_endings = sorted({*endings} - image_endings())
-            kinds = ", ".join((["images"] if len(array_endings) < len(endings) else []) + array_endings)
-            reason = f"expected a file, or a folder of files of these kinds: {kinds}"
-        elif glob.has_magic(name) and not os.path.lexists(name):
-            found = (path for path in glob.iglob(name, recursive=True) if os.path.isfile(path))
-            files = sorted(found, key=natural_order)
-            reason = "no file matches this pattern"
-        elif ("://" in name or name.startswith("@")) and not os.path.lexists(name):
-            files, reason = [], f"expected a file: URLs and lists are read by `nablahog hog … -o NAME{DATASET}`"
-        else:
-            files, reason = [name], ""
-        paths += files
-        if not files:
-            empty.append((name, reason))
-    skipping = Skipping(arguments.command, len(paths) + len(empty))
-    for name, reason in empty:
-        with skipping.guard(name):
-            raise ValueError(f"{name}: {reason}")
-    return Inputs(paths, skipping, many=len(names) > 1 or paths != [*names])
-
-
-def tell_of_subfolders(name: str, folders: Iterable[str], pattern: str) -> None:
-    """A line on stderr if some of a folder's subfolders are neither hidden nor data sets.
-
-    Args:
-        name: of the folder.
-        folders: the paths of its subfolders.
-        pattern: what takes the files in them, too.
-    """
-    names = sorted((Path(folder).name for folder in folders), key=natural_order)
-    left_out = [folder for folder in names if not folder.startswith(".") and not folder.endswith(DATASET)]
-    if left_out:
-        count = counted(len(left_out), "subfolder")
-        inform(f"{name}: {count} left out, such as {left_out[0]}: a pattern takes them, '{pattern}'")
-
-
-def _select_files(items: Iterable[os.DirEntry[str]], endings: Collection[str]) -> list[str]:
-    visible = (entry for entry in items if not entry.name.startswith(".") and not entry.is_dir())
-    return sorted((each.path for each in visible if Path(each.name).suffix.lower() in endings), key=natural_order)
 
 
 def _read_stdin() -> InputFile:
@@ -116,47 +47,6 @@ def _read_stdin() -> InputFile:
         got = "more" if content else "nothing"
         raise ValueError(f"-: expected a file of 1 … {MAX_IMAGE_BYTES:,} bytes on stdin, got {got}")
     return InputFile(STDIN, content)
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """The inputs of a command: files, or :data:`STDIN`, and what is read.
-
-    Attributes:
-        many: whether results go to a folder: those of several inputs, of a folder or pattern, even for one file, or of
-            the rows of a matrix.
-        sources: of files, each read when it is its turn, once: descriptors of many photographs may not fit in memory.
-        datasets: their rows are read when needed.
-    """
-
-    paths: list[str]
-    skipping: Skipping
-    many: bool
-    sources: Iterator[Source] = field(default_factory=lambda: iter(()))
-    datasets: list[DescriptorDataset] = field(default_factory=list)
-
-    @property
-    def stems(self) -> list[str]:
-        """The stem of each file, with which the names of its results begin."""
-        return distinct_stems([Path("stdin" if path == STDIN else path) for path in self.paths])
-
-    def rows(self, check: Callable[[Source], None]) -> Iterator[list[Source]]:
-        """The sources of data sets that ``check`` allows, as many at a time as fit in memory."""
-        for data in self.datasets:
-            numbered = split_by_weight(
-                enumerate(data), lambda item: item[1].bytes, most=ROW_BYTES, count=ROWS_IN_MEMORY
-            )
-            for rows in numbered:
-                sources = []
-                for number, row in rows:
-                    with self.skipping.guard(row.path):
-                        if row.stored is None:
-                            raise ValueError(f"{row.path}: {row.error}")
-                        source = from_stored(row.path, f"{number:06d}_{local_name(Path(row.path).stem)}", row.stored)
-                        check(source)
-                        sources.append(source)
-                if sources:
-                    yield sources
 
 
 def read_inputs(
@@ -196,8 +86,8 @@ def read_inputs(
 
     def read_all() -> Iterator[Source]:
         array_option = next((name for name in ARRAY_OPTIONS if getattr(request, name, None) is not None), None)
-        found = read_files(expanded, read)
-        yield from found if array_option is None else _with_array(found, reader, array_option)
+        readable = read_files(expanded, read)
+        yield from readable if array_option is None else _with_array(readable, reader, array_option)
         if reader.shrunk:
             which = "1 photograph is" if reader.shrunk == 1 else f"{reader.shrunk} photographs are"
             inform(f"{which} shrunk to {LONGER_SIDE} pixels; --size 0 keeps the full size")
@@ -206,8 +96,8 @@ def read_inputs(
 
     many, sources = expanded.many or bool(data), read_all()
     if not many and isinstance(request, GlyphRequest):  # one file, which may hold a matrix
-        found = list(sources)
-        many, sources = len(found) > 1, iter(found)
+        descriptors = list(sources)
+        many, sources = len(descriptors) > 1, iter(descriptors)
     return replace(expanded, many=many, sources=sources, datasets=data)
 
 
@@ -223,12 +113,12 @@ def read_files(expanded: Inputs, read: Callable[[InputFile, str], list[Source]])
 
 def _with_array(sources: Iterable[Source], reader: _Reader, option: str) -> list[Source]:
     """All sources, read at once; raises ValueError if none is an array, which the option is about."""
-    found = list(sources)
+    readable = list(sources)
     if not reader.arrays:
         raise ValueError(
             f"--{option.replace('_', '-')} goes with arrays of other libraries, but no input is one (.npy, .npz, .mat)"
         )
-    return found
+    return readable
 
 
 def _dataset(name: str, dialect: Dialect) -> DescriptorDataset:
@@ -285,18 +175,18 @@ class _Reader:
     @staticmethod
     def _read_array(file: InputFile, stem: str, request: GlyphRequest) -> list[Source]:
         """The descriptors in an array, one or those of its rows; a line on stderr says what decided which they are."""
-        found = read_stored(file, request)
-        if found[0].decided_by:
-            asked = " ".join(words(replace(found[0].request, row=None), GlyphRequest))
-            inform(f"{file}: {asked}, because {found[0].decided_by}")
-        advice = found[0].advice
+        descriptors = read_stored(file, request)
+        first, advice = descriptors[0], descriptors[0].advice
+        if first.decided_by:
+            asked = " ".join(words(replace(first.request, row=None), GlyphRequest))
+            inform(f"{file}: {asked}, because {first.decided_by}")
         if advice is not None:
             asked = " ".join(words(advice.request, GlyphRequest))
             inform(f"{file}: {advice.remark}: write {asked}")
         sources = []
-        for each in found:
-            row = each.request.row
-            source = from_stored(file.name, f"{stem}_{row:06d}" if len(found) > 1 else stem, each.stored)
+        for descriptor in descriptors:
+            row = descriptor.request.row
+            source = from_stored(file.name, f"{stem}_{row:06d}" if len(descriptors) > 1 else stem, descriptor.stored)
             sources.append(source if row is None else replace(source, part=f"row {row}"))
         return sources
 

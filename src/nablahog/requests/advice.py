@@ -38,10 +38,10 @@ class Advice:
 
 def advise(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
     """What to ask for in place of a request that does not fit an array, if the checks decide on one."""
-    for advice in (advise_on_swapped_size, _advise_on_cells, _advise_on_size, advise_on_preset):
-        found = advice(array, request)
-        if found is not None:
-            return found
+    for check in (advise_on_swapped_size, _advise_on_cells, _advise_on_size, advise_on_preset):
+        advice = check(array, request)
+        if advice is not None:
+            return advice
     return None
 
 
@@ -50,19 +50,19 @@ def advise_on_swapped_size(array: NDArray[np.floating], request: GlyphRequest) -
     size = request.image_size
     if size is None or size[0] == size[1]:
         return None
-    found = find_which(array, replace(request, image_size=None))
-    if not found.decided_by or found.candidates[0].image_size != size[::-1]:
+    answer = find_which(array, replace(request, image_size=None))
+    if not answer.decided_by or answer.candidates[0].image_size != size[::-1]:
         return None
     remark = f"its numbers hold for {as_text(size[::-1])} pixels (height x width), so the sides seem to be exchanged"
-    asked = complete(replace(request, image_size=None), found.candidates[0], array.shape)
+    asked = complete(replace(request, image_size=None), answer.candidates[0], array.shape)
     return Advice(remark, replace(asked, image_size=size[::-1]))
 
 
 def _advise_on_cells(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
     for dialects in _other_cells(request) if array.ndim <= 2 else ():
-        found = which_hog(_select_row(array, request), request.image_size, dialects=dialects)
-        if found.decided_by:
-            asked = complete(request, found.candidates[0], array.shape)
+        answer = which_hog(_select_row(array, request), request.image_size, dialects=dialects)
+        if answer.decided_by:
+            asked = complete(request, answer.candidates[0], array.shape)
             return Advice("its numbers hold for cells of another size", asked)
     return None
 
@@ -93,11 +93,11 @@ def _advise_on_size(array: NDArray[np.floating], request: GlyphRequest) -> Advic
     if request.image_size is None:
         return None
     unsized = replace(request, image_size=None)
-    found = find_which(array, unsized)
-    if not found.decided_by:
+    answer = find_which(array, unsized)
+    if not answer.decided_by:
         return None
-    asked = complete(unsized, found.candidates[0], array.shape)
-    return Advice(f"its numbers hold for {as_text(found.candidates[0].image_size)} pixels (height x width)", asked)
+    asked = complete(unsized, answer.candidates[0], array.shape)
+    return Advice(f"its numbers hold for {as_text(answer.candidates[0].image_size)} pixels (height x width)", asked)
 
 
 def advise_on_preset(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:
@@ -105,11 +105,11 @@ def advise_on_preset(array: NDArray[np.floating], request: GlyphRequest) -> Advi
     if request.preset is None:
         return None
     free = replace(request, preset=None, settings={})
-    found = find_which(array, free)
-    if not found.decided_by or found.candidates[0].preset == request.preset:
+    answer = find_which(array, free)
+    if not answer.decided_by or answer.candidates[0].preset == request.preset:
         return None
     return Advice(
-        f"its numbers hold for {found.candidates[0].preset}", complete(free, found.candidates[0], array.shape)
+        f"its numbers hold for {answer.candidates[0].preset}", complete(free, answer.candidates[0], array.shape)
     )
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..hog import HOGSpec
 from ..hog.layout import native_shape
 from ..invert.candidates import fit_shape
-from ..invert.which import which_hog
 from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
@@ -86,14 +85,14 @@ def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphR
                 return request, fit_array(one_of_several, request)[1], ""
     else:
         refusal = InputError("an array does not say which library it is from", "preset")
-    found = find_which(array, request)
-    if request.preset is None and request.settings and not found.candidates and not found.remark:
+    answer = find_which(array, request)
+    if request.preset is None and request.settings and not answer.candidates and not answer.remark:
         asked = ", ".join(f"{key}={value}" for key, value in request.settings.items())
         raise InputError(f"no preset with {asked} makes descriptors of the shape {array.shape}", "descriptor")
-    if not found.decided_by:
+    if not answer.decided_by:
         raise refusal
-    first = found.candidates[0]
-    decided_by = f"{found.decided_by}; {found.assumed}" if found.assumed else found.decided_by
+    first = answer.candidates[0]
+    decided_by = f"{answer.decided_by}; {answer.assumed}" if answer.assumed else answer.decided_by
     return complete(request, first, array.shape), first.how, decided_by
 
 
@@ -160,7 +159,7 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
 
 def _remark_on_numbers(array: NDArray[np.floating], fitting: Sequence[Suggestion]) -> str:
     """Why the checks do not tell what an array is, if they know."""
-    remark = which_hog(array).remark
+    remark = find_which(array, GlyphRequest()).remark
     if fitting or remark:
         return remark
     return "no preset with its usual parameters makes such an array: `settings` says other parameters"
@@ -187,9 +186,9 @@ def suggest(array: NDArray[np.floating], request: GlyphRequest) -> list[Suggesti
         detectors = _suggest_detectors((array.size, array.size - 1), request)
         if detectors:
             return detectors
-    found = find_which(array, request)
-    if found.candidates:
-        likely = found.candidates[: found.likely or MOST_SUGGESTED]
+    answer = find_which(array, request)
+    if answer.candidates:
+        likely = answer.candidates[: answer.likely or MOST_SUGGESTED]
         return [Suggestion(each) for each in _distinct(complete(request, each, array.shape) for each in likely)]
     return _suggest_detectors((array.size - 1,), request) if is_row(array.shape) else []
 

@@ -116,7 +116,7 @@ def test_a_data_set_is_inverted(
     tmp_path: Path, dataset: str, sent: list[Any], cluster: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row by row, a few at a time."""
-    monkeypatch.setattr("nablahog.cli.inputs.ROWS_IN_MEMORY", 3)
+    monkeypatch.setattr("nablahog.cli.input_files.ROWS_IN_MEMORY", 3)
     out = tmp_path / "out"
     assert main(["invert", dataset, "-o", str(out), *FAST, *cluster]) == 3
     results = json.loads((out / "results.json").read_text())

@@ -18,7 +18,8 @@ from ...requests.sources import Source
 from ...viz.pictures import glyph_image
 from ..arguments.options import build_request
 from ..errors import WrongArguments
-from ..inputs import DATASET, Inputs, read_inputs
+from ..input_files import DATASET, Inputs
+from ..inputs import read_inputs
 from ..terminal import print_table
 from .hog_dataset import hog_dataset
 

@@ -18,7 +18,8 @@ from ...runtime.extras import extra
 from ...runtime.text import counted
 from ..arguments.options import build_request
 from ..errors import SOME_SKIPPED
-from ..inputs import DATASET, MADE_GRAY
+from ..input_files import DATASET
+from ..inputs import MADE_GRAY
 from ..terminal import counter, inform, say
 
 if TYPE_CHECKING:
