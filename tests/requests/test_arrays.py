@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,25 @@ def test_windows_in_one_row_are_rows(tmp_path: Path, asked: dict[str, Any]) -> N
         assert torch.equal(chosen.stored.descriptor, window.stored.descriptor)
         stored = nablahog.to_layout(window.stored.descriptor[None], presets.opencv())[0]
         assert np.array_equal(stored.numpy(), vector.reshape(3, -1)[row])
-    with pytest.raises(ValueError, match="row 3"):
+    with pytest.raises(ValueError, match="no row 3: the array has 3 rows"):
         read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked, row=3))
+
+
+@pytest.mark.parametrize("shape", [(-1,), (1, -1), (-1, 1)])
+def test_a_single_row_may_be_chosen(tmp_path: Path, array: NDArray[np.float32], shape: tuple[int, ...]) -> None:
+    np.save(tmp_path / "v.npy", array.reshape(shape))
+    asked = GlyphRequest(preset="vlfeat", image_size=(48, 64))
+    [expected] = read_stored(str(tmp_path / "v.npy"), asked)
+    [chosen] = read_stored(str(tmp_path / "v.npy"), replace(asked, row=0))
+    assert torch.equal(chosen.stored.descriptor, expected.stored.descriptor)
+    with pytest.raises(ValueError, match="no row 1: the array has 1 row"):
+        read_stored(str(tmp_path / "v.npy"), replace(asked, row=1))
+
+
+def test_of_what_has_rows_and_columns_no_row_is_chosen(tmp_path: Path, array: NDArray[np.float32]) -> None:
+    np.save(tmp_path / "v.npy", array)
+    with pytest.raises(ValueError, match="leave out the row"):
+        read_stored(str(tmp_path / "v.npy"), GlyphRequest(preset="vlfeat", row=0))
 
 
 def test_windows_of_noise_are_rows_where_their_size_is_said() -> None:

@@ -18,6 +18,7 @@ from ..io.arrays import naming, read_array
 from ..io.descriptor_file import FittedLayout, StoredDescriptor, find_layout, is_row, shapes, to_descriptor
 from ..io.input_file import Readable
 from ..runtime.errors import InputError, Topic
+from ..runtime.text import counted
 from .advice import Advice, advise, advise_on_preset, advise_on_swapped_size, complete, find_which, known_dialects
 from .dialect import as_text, opencv_window_size
 from .inversion import GlyphRequest
@@ -46,8 +47,10 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
     """The descriptors in a .npy, .npz or .mat file, one or those in its rows; InputError if nothing says which."""
     array = read_array(path, request.key)
     with naming(path):
-        if not is_row(array.shape):  # else of windows, which become rows
-            _check_row(array, request.row)
+        if request.row is not None and not is_row(array.shape):  # else of windows, which become rows
+            if array.ndim != 2:
+                raise ValueError(f"rows are chosen of a matrix, got the shape {array.shape}: leave out the row")
+            _check_row(len(array), request.row)
         with suggesting(array, request):
             asked = request
             request, how, decided_by = identify(array, request)
@@ -56,7 +59,7 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
             advice = advise_on_swapped_size(array, asked) or advise_on_preset(array, asked)
         if is_row(array.shape) and math.prod(how.shape) < array.size:
             array = array.reshape(-1, math.prod(how.shape))
-        _check_row(array, request.row)
+        _check_row(array.size // math.prod(how.shape), request.row)
         if math.prod(how.shape) == array.size:
             return [ArrayDescriptor(to_descriptor(array, request.spec, how), request, decided_by, advice)]
         rows = range(len(array)) if request.row is None else [request.row]
@@ -66,9 +69,10 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
         ]
 
 
-def _check_row(array: NDArray[np.floating], row: int | None) -> None:
-    if row is not None and (array.ndim != 2 or row >= len(array)):
-        raise ValueError(f"expected a matrix with a row {row}, counted from 0, got shape {array.shape}")
+def _check_row(count: int, row: int | None) -> None:
+    if row is not None and row >= count:
+        rows = f"{counted(count, 'row')}, counted from 0" if count > 1 else "1 row, which need not be chosen"
+        raise ValueError(f"there is no row {row}: the array has {rows}")
 
 
 def identify(array: NDArray[np.floating], request: GlyphRequest) -> tuple[GlyphRequest, FittedLayout, str]:
@@ -153,13 +157,13 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
             "weights": _may_be_weights(array),
             "decided": advice is not None,
         }
-        remark = advice.remark if advice else _remark_on_numbers(array, fitting)
+        remark = advice.remark if advice else _remark_on_numbers(array, request.row, fitting)
         raise InputError(f"{error}; {remark}" if remark else str(error), about, facts) from None
 
 
-def _remark_on_numbers(array: NDArray[np.floating], fitting: Sequence[Suggestion]) -> str:
+def _remark_on_numbers(array: NDArray[np.floating], row: int | None, fitting: Sequence[Suggestion]) -> str:
     """Why the checks do not tell what an array is, if they know."""
-    remark = find_which(array, GlyphRequest()).remark
+    remark = find_which(array, GlyphRequest(row=row)).remark
     if fitting or remark:
         return remark
     return "no preset with its usual parameters makes such an array: `settings` says other parameters"
