@@ -40,7 +40,7 @@ def test_stores_have_the_images_of_a_folder(folder: str, pattern: str, capsys: p
     found, told = [], []
     for name, beginning in beginnings.items():
         end = f"::{above / 'photos.zip'}" if name.startswith("zip") else ""
-        images = list_images(Namespace(inputs=[f"{name}{pattern}{end}"], output="x.parquet", command="hog"))
+        images, _ = list_images(Namespace(inputs=[f"{name}{pattern}{end}"], output="x.parquet", command="hog"))
         found.append([image.path.removeprefix(beginning).removesuffix(end) for image in images])
         told.append(capsys.readouterr().err)
     assert found == [found[0]] * 4
@@ -49,5 +49,5 @@ def test_stores_have_the_images_of_a_folder(folder: str, pattern: str, capsys: p
         for line in told:
             assert "1 subfolder left out, such as more" in line
             (advised,) = shlex.split(line.partition("a pattern takes them, ")[2])
-            images = list_images(Namespace(inputs=[advised], output="x.parquet", command="hog"))
+            images, _ = list_images(Namespace(inputs=[advised], output="x.parquet", command="hog"))
             assert [Path(image.path.partition("::")[0]).name for image in images] == ["a2.jpg", "b.jpg", "c.jpg"]

@@ -94,6 +94,21 @@ def test_every_flipped_bit_is_noticed_or_changes_nothing(tmp_path: Path) -> None
     assert noticed > 100
 
 
+def test_flipped_bits_of_the_manifest(tmp_path: Path) -> None:
+    """It is read as it was, or its shards are not those that it lists."""
+    manifest, file, bits = write(str(tmp_path), rows(3), 2), tmp_path / MANIFEST, random.Random(0)
+    whole = file.read_bytes()
+    for _ in range(200):
+        damaged = bytearray(whole)
+        damaged[bits.randrange(len(whole))] ^= 1 << bits.randrange(8)
+        file.write_bytes(damaged)
+        try:
+            found = read_manifest(str(tmp_path))
+        except ValueError:
+            continue
+        assert found == manifest or None in find_shards(str(tmp_path), found or manifest)
+
+
 def test_a_shard_without_checksums_is_read(tmp_path: Path) -> None:
     """As earlier versions wrote them."""
     write(str(tmp_path), rows(3), 3)

@@ -165,8 +165,9 @@ def test_distinct_stems() -> None:
     assert stems("./x//a.png", os.path.abspath("a"), "b.png") == [first, third, "b"]  # the second is gone
     assert all(re.fullmatch("a_[0-9a-f]{8}", stem) for stem in {first, second, third})
     assert len({first, second, third}) == 3
-    small, capital, same, again = stems("a.png", "A.png", "same.png", "same.png")
-    assert (small[:2], capital[:2], again) == ("a_", "A_", f"{same}_2")
+    small, capital = stems("a.png", "A.png")
+    assert (small[:2], capital[:2]) == ("a_", "A_")
+    assert stems("a.png", "./a.png", "a_2.png") == ["a", "a_3", "a_2"]
     assert [len(stem.encode()) for stem in stems("é" * 200 + ".png", "a" + "é" * 200)] == [180, 179]
     code = "import nablahog.io.files as f, pathlib, sys; print(ascii(f.distinct_stems([pathlib.Path(sys.argv[1])])))"
     of_c = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -225,7 +225,8 @@ def read_manifest(url: str) -> Manifest | None:
         return None
     except Exception as error:  # damaged in any of many ways
         raise ValueError(
-            f"{url}/{MANIFEST}: the list of images cannot be read: {' '.join(str(error).split())}"
+            f"{url}/{MANIFEST}: the list of images cannot be read: {' '.join(str(error).split())}; remove this file, "
+            "and the command that wrote it, repeated, writes it anew"
         ) from None
 
 

@@ -154,24 +154,23 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 
 def distinct_stems(paths: Sequence[Path]) -> list[str]:
-    """The stems of ``paths``; where two would be the same, each with a hash of its path: ``a_0f3c91d2``, ``b``.
+    """The stems of ``paths``; where different files have the same, each with a hash of its path: ``a_0f3c91d2``, ``b``.
 
     A hash, unlike a number, does not depend on the other paths: where some are gone or new, no result is named as that
-    of another input was.  Stems that differ only in case count as the same, as they are on some file systems; very long
-    ones are cut.
+    of another input was.  A file that is there again has a number, ``b_2``.  Stems that differ only in case count as
+    the same, as they are on some file systems; very long ones are cut.
     """
     stems = [_shorten(path.stem) or "input" for path in paths]
-    counts = Counter(stem.casefold() for stem in stems)
-    names = [
-        stem if counts[stem.casefold()] == 1 else f"{stem}_{_hash_of_path(path)}"
-        for stem, path in zip(stems, paths, strict=True)
-    ]
+    counts = Counter(stem.casefold() for stem, _ in {*zip(stems, map(os.path.abspath, paths), strict=True)})
     taken: set[str] = set()
-    for index, name in enumerate(names):  # the same path may be there twice
+    result = []
+    for stem, path in zip(stems, paths, strict=True):
+        name = stem if counts[stem.casefold()] == 1 else f"{stem}_{_hash_of_path(path)}"
         numbered = (f"{name}_{number}" for number in itertools.count(2))
-        names[index] = next(each for each in itertools.chain([name], numbered) if each.casefold() not in taken)
-        taken.add(names[index].casefold())
-    return names
+        free = (each for each in numbered if each.casefold() not in taken and each.casefold() not in counts)
+        result.append(next(free) if name.casefold() in taken else name)
+        taken.add(result[-1].casefold())
+    return result
 
 
 def _hash_of_path(path: Path) -> str:
