@@ -151,9 +151,22 @@ def test_what_no_check_tells_is_said() -> None:
         assert name in found.assumed
     assert found.assumed in repr(found)
     known = {"skimage": {"channel_axis": -1, "transform_sqrt": True}}
-    assert which_hog(vector, (128, 64), dialects=known).assumed == ""
-    assert "gamma" in which_hog(opencv()).assumed
+    assert which_hog(vector, (128, 64), dialects=known).assumed.endswith("assumed: this order, not the reverse")
+    for words in ("gamma", "block_stride=(8, 8) (on which the size depends)", "not several in a row", "reverse"):
+        assert words in which_hog(opencv()).assumed
+    assert "vlfeat" in which_hog(np.moveaxis(ours("vlfeat"), 0, 2)).assumed
     assert which_hog(ours("paper")).assumed == ""
+
+
+@pytest.mark.parametrize(
+    "array", [np.random.default_rng(0).random(3780), 3 * opencv(), skimage(cells_per_block=(2, 2))]
+)
+def test_one_dialect_is_not_decided_against_its_numbers(array: NDArray[np.floating]) -> None:
+    """Neither where it is the only one to try."""
+    for size in (None, (128, 64)):
+        found = which_hog(array, size, dialects={"opencv": {}})
+        assert not found.decided_by
+        assert "contradict opencv" in found.remark
 
 
 @pytest.mark.parametrize(

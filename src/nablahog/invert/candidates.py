@@ -34,9 +34,6 @@ VARIANTS: dict[str, dict[str, tuple[Any, ...]]] = {
     "vlfeat": {"variant": ("uoctti", "dalaltriggs")},
 }
 """Parameters that are tried with their values, beside orientations; the default first."""
-_UNTOLD = {"opencv": ("gamma", "signed", "win_sigma", "block_stride"), "skimage": ("transform_sqrt", "channel_axis")}
-"""Parameters that change all numbers, but nothing that a check looks at."""
-_CELL_NAMES = ("cell_size", "pixels_per_cell")
 _ORIENTATION_NAMES = ("bins", "nbins", "orientations")
 MOST_ASPECT = 4  # of the sides of an image
 WINDOWED = "opencv"  # the preset whose library returns all windows of an image in one row
@@ -98,20 +95,6 @@ def check_dialects(dialects: Mapping[str, Parameters]) -> None:
                 possible |= bool(preset(**parameters))
         if not possible:
             preset(**known)
-
-
-def describe_assumptions(candidate: Candidate, *, is_size_known: bool) -> str:
-    """What no check tells of a candidate, as a sentence; empty if nothing is left."""
-    signature = inspect.signature(getattr(presets, candidate.preset)).parameters
-    names = (*_UNTOLD.get(candidate.preset, ()), *(() if is_size_known else _CELL_NAMES))
-    assumed = [
-        f"{name}={signature[name].default!r}"
-        for name in names
-        if name in signature and name not in candidate.parameters
-    ]
-    if not assumed:
-        return ""
-    return f"{' and '.join(assumed)} {'is' if len(assumed) == 1 else 'are'} assumed, which no check tells"
 
 
 def fit_shape(

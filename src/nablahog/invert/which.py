@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch.nn.functional import normalize
 
 from ..hog.normalizers.base import Identity
 from ..hog.steps import split_colours
@@ -17,8 +16,9 @@ from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
 from ..runtime.pytorch import in_threads
-from .candidates import WINDOWED, Candidate, Parameters, check_dialects, describe_assumptions, fit_shape
-from .preimage import reconstruct
+from .assumptions import describe_assumptions
+from .candidates import WINDOWED, Candidate, Parameters, check_dialects, fit_shape
+from .orders import Checked, check_distance, check_layout, check_order
 from .windows import describe_seams, find_windows
 
 CONSTANT = "its numbers are all equal, which says nothing about where they are from"
@@ -28,9 +28,6 @@ CLIPPED = (0.2, 0.4)  # the largest entries of dialects that clip, which tell a 
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
 MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the shape is
 ROUNDING = 32  # units in the last place that a sum of entries may be off
-CLEARLY_ALIKE, ALIKE_PLACES = 1.5, 64  # times less alike are neighbours in a wrong order, in 8x8 places of one image
-CLEARLY_NEARER = 2.0  # times as far is the pre-image of the wrong dialect
-MOST_INVERTED, MOST_INVERTED_PIXELS = 6, 2**15  # candidates, and pixels of each, that are inverted
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class WhichHOG:
         candidates: what it can be, the likeliest first; empty if no preset makes such an array.
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
-        assumed: what no check tells of the first, as a sentence, if it was decided and there is something.
+        assumed: what no check tells of the first, as a clause, if it was decided and there is something.
         remark: why nothing was decided, as a sentence, of numbers that are scaled, in reverse order or all equal, or
             that look like several descriptors in one row.  Of scaled and reversed ones, the candidates are those of the
             numbers as they were before.
@@ -130,11 +127,13 @@ def which_hog(
     if not is_row(checked.shape) and all(each.count > 1 for each in overlapping or fitting):
         checked = checked[:MOST_ROWS]
     remaining, excluded, identities = _check_identities(checked, overlapping or fitting)
+    is_contradicted = not remaining
     # numbers of which nothing exact holds may be another library's, unless the dialect is known
-    is_known = bool(identities or overlapping) or len(dialects or ()) == 1
+    is_known = bool(identities or overlapping) or (len(dialects or ()) == 1 and not is_contradicted)
+    remaining = remaining or overlapping or fitting
     decided_by = identities or "no other size has so many numbers"
     # windows side by side have pre-images as another size of image has
-    for check in (_check_layout, _check_order) if windows else (_check_layout, _check_order, _check_distance):
+    for check in (check_layout, check_order) if windows else (check_layout, check_order, check_distance):
         if len(remaining) == 1:
             break
         remaining, excluded_now, sentence = check(checked, remaining)
@@ -149,6 +148,9 @@ def which_hog(
     if not is_known:
         remark, original = _restore(array, checked, fitting)
         if original is None:
+            if is_contradicted:
+                names = dict.fromkeys(each.preset for each in fitting)
+                remark = ", and ".join(filter(None, (f"its numbers contradict {' and '.join(names)}", remark)))
             return WhichHOG(ranked, len(ranked), remark=remark)
         # something exact holds of it, so that nothing is restored again
         return replace(which_hog(original, image_size, dialects=dialects), decided_by="", assumed="", remark=remark)
@@ -166,10 +168,6 @@ def _rank_by_shape(candidate: Candidate) -> tuple[bool, bool, int]:
     return candidate.count > 1, candidate.how.layout != candidate.spec.layout, len(candidate.parameters)
 
 
-Checked = tuple[list[Candidate], list[Candidate], str]
-"""Candidates that remain after a check, those that it excludes, and what holds, as a sentence."""
-
-
 def _check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
     """Leaves those of which most identities of their normalisers hold, and none fails."""
     checks = in_threads(lambda k: _identities_that_hold(array, candidates[k]), len(candidates))
@@ -179,7 +177,7 @@ def _check_identities(array: NDArray[np.floating], candidates: list[Candidate]) 
     most = max((len(holding) for _, holding in possible), default=0)
     best = [(candidate, holding) for candidate, holding in possible if len(holding) == most]
     exact = [identity.sentence for identity in best[0][1] if identity.share] if best else []
-    remaining = [candidate for candidate, _ in best] or candidates
+    remaining = [candidate for candidate, _ in best]
     excluded = [candidate for candidate, holding in possible if len(holding) < most]
     return remaining, excluded, ", and ".join(dict.fromkeys(exact))
 
@@ -225,72 +223,3 @@ def _restore(
 def _has_scale(array: NDArray[np.floating], candidate: Candidate) -> bool:
     """Whether something holds that would not of multiples: what adds up does at any scale."""
     return any(identity.has_scale for identity in _identities_that_hold(array, candidate) or ())
-
-
-def _check_layout(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
-    """Leaves those whose libraries return this array, or else this order of axes."""
-    in_own_layout = [each for each in candidates if each.how.layout == each.spec.layout]
-    of_own_shape = [each for each in in_own_layout if each.how.shape == array.shape and not is_row(array.shape)]
-    remaining = of_own_shape or in_own_layout
-    if not remaining:
-        return candidates, [], ""
-    excluded = [each for each in candidates if each not in remaining]
-    return remaining, excluded, f"the order of the axes is that of {remaining[0].preset}" if excluded else ""
-
-
-def _check_order(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
-    """Leaves those numbers of columns in which neighbours are clearly alike."""
-    differences = [_difference_of_neighbours(each, array) for each in candidates]
-    order = sorted(range(len(candidates)), key=differences.__getitem__)
-    places = array.size / candidates[0].spec.channels
-    least, clearly = differences[order[0]], CLEARLY_ALIKE ** math.sqrt(ALIKE_PLACES / places)  # the scatter of means
-    channels = candidates[order[0]].spec.channels
-    # histograms of another length are alike by another measure, however many there are
-    factors = [clearly if each.spec.channels == channels else max(clearly, CLEARLY_ALIKE) for each in candidates]
-    remaining = [candidates[k] for k in order if differences[k] <= least or differences[k] < factors[k] * least]
-    excluded = [candidates[k] for k in order if candidates[k] not in remaining]
-    size = "x".join(map(str, remaining[0].image_size))
-    return remaining, excluded, f"neighbours are most alike in an image of {size} pixels"
-
-
-def _difference_of_neighbours(candidate: Candidate, array: NDArray[np.floating]) -> float:
-    """The mean squared difference of neighbouring histograms, of their variance, along the axis where it is larger.
-
-    Of blocks, those of the cells that two blocks share.  Inf for a single row or column, or for numbers too large.
-    """
-    descriptors = normalize(candidate.descriptors(array), dim=3)  # else a few strong ones decide
-    if is_row(array.shape):  # several windows, or one
-        descriptors = torch.cat(tuple(descriptors), dim=1)[None]
-    varying = descriptors - descriptors.mean(dim=(1, 2), keepdim=True)
-    high, wide = candidate.spec.normalizer.layout_block or (1, 1)
-    histograms = varying.reshape(*varying.shape[:3], high, wide, -1)
-    differences = []
-    for axis, side in ((1, high), (2, wide)):
-        places = histograms.shape[axis] - 1
-        if places < 1:
-            return math.inf
-        first, second = (histograms.narrow(axis, start, places) for start in (0, 1))
-        if side > 1:
-            first, second = (x.narrow(2 + axis, start, side - 1) for x, start in ((first, 1), (second, 0)))
-        differences.append(float((first - second).square().mean()))
-    difference = max(differences) / max(float(varying.square().mean()), 1e-30)
-    return math.inf if math.isnan(difference) else difference
-
-
-def _check_distance(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
-    """Leaves that whose pre-image is clearly the nearest."""
-    if len(candidates) > MOST_INVERTED or any(math.prod(each.image_size) > MOST_INVERTED_PIXELS for each in candidates):
-        return candidates, [], ""
-    distances = [_distance(array, each) for each in candidates]
-    order = sorted(range(len(candidates)), key=distances.__getitem__)
-    ranked = [candidates[k] for k in order]
-    first, second = (distances[k] for k in order[:2])
-    if not second >= CLEARLY_NEARER * first:  # NaN: the numbers are too large
-        return ranked, [], ""
-    return ranked[:1], ranked[1:], f"its pre-image comes as near as {first:.3f}, and that of the next {second:.3f}"
-
-
-def _distance(array: NDArray[np.floating], candidate: Candidate) -> float:
-    """The relative distance of the descriptor of a pre-image, found fast, of the first of an array's descriptors."""
-    descriptor = candidate.descriptors(array)[:1].float()
-    return float(reconstruct(descriptor, candidate.spec, candidate.image_size, quality="fast", prior=None).distance[0])
