@@ -18,8 +18,8 @@ PACKAGE = Path(nablahog.__file__).parent
 # may import itself and the rooms that are named with it.  Rooms are listed from the bottom: all arrows point upwards
 # in this list, so that there is no cycle.
 MAY_IMPORT: dict[str, set[str]] = {
-    "native": set(),
     "runtime": set(),
+    "native": {"runtime"},
     "inputs": {"runtime"},  # what people pass
     "hog": {"inputs", "runtime"},  # no optimiser
     "io": {"hog", "inputs", "runtime"},
@@ -38,8 +38,8 @@ MAY_IMPORT["requests"] = {"compat", "hog", "inputs", "invert", "io", "pose", "ru
 MAY_IMPORT["app"] = {*MAY_IMPORT} - {"nablahog", "paper"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} - {"nablahog"}  # one of its commands starts the page
 MAY_IMPORT["__main__"] = {"cli"}
-for _name in {*MAY_IMPORT} - {"native", "__main__"}:
-    MAY_IMPORT[_name].add("native")  # compiled loops, which know nothing of the package
+for _name in {*MAY_IMPORT} - {"native", "runtime", "__main__"}:
+    MAY_IMPORT[_name].add("native")  # compiled loops, which know nothing of HOG
 
 
 class Arrow(NamedTuple):

@@ -110,9 +110,17 @@ def test_images_that_are_seldom_meant_are_asked_about(case: str) -> None:
 @pytest.mark.parametrize("case", [case for case in ODD_IMAGES if isinstance(ODD_IMAGES[case][0], torch.Tensor)])
 def test_a_loss_asks_once_about_images_and_targets(case: str) -> None:
     images, spec, words = ODD_IMAGES[case]
-    with pytest.warns(UserWarning, match=words) as warned:
+    with pytest.warns(UserWarning, match=f"^input and target: .*{words}") as warned:
         HOGLoss(spec)(images, images)
     assert [warning.filename for warning in warned] == [__file__]
+
+
+def test_a_loss_says_whether_images_or_targets_are_meant() -> None:
+    images = torch.rand(1, 1, 32, 32)
+    with pytest.warns(UserWarning, match="^input: images of floats"):
+        HOGLoss("uoctti")(255 * images, images)
+    with pytest.warns(UserWarning, match="^target: images of floats"):
+        HOGLoss("uoctti")(images, 255 * images)
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 5])

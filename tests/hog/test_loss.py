@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from torch import Tensor
 from torch.testing import assert_close
 
@@ -166,6 +168,11 @@ def test_refuses() -> None:
         for pair in ((TARGETS, other), (other, TARGETS)):
             with pytest.raises(ValueError, match=r"must be tensors \(B, C, H, W\) of one shape, got .* and "):
                 HOGLoss("uoctti")(*pair)
+    input: Any = Image.new("L", (32, 24))
+    with pytest.raises(ValueError, match="got Image and Image: write ") as raised:
+        HOGLoss("uoctti")(input, input)
+    tensor = eval(str(raised.value).partition(": write ")[2], {"np": np, "torch": torch, "input": input})
+    assert HOGLoss("uoctti")(tensor / 255, tensor) == 0
     with pytest.raises(ValueError, match="on one device, got meta and cpu: write target"):
         HOGLoss("uoctti")(TARGETS, TARGETS.to("meta"))
 

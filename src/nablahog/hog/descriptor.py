@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any, Literal, NoReturn, TypeAlias, overload
 
@@ -13,6 +12,7 @@ from torch.autograd import forward_ad
 
 from ..inputs.arrays import WHITE, ArrayImage, advise_on_levels, as_images, to_array
 from ..inputs.numbers import check_choice
+from ..runtime.advice import warn_caller
 from ..runtime.pytorch import load_forward_mode
 from . import triton as gpu
 from .dialects import as_spec, refuse_settings
@@ -92,7 +92,7 @@ def hog(
     values = batch.float() if is_half and not (batch.is_cuda and _uses_triton(batch.device, backend)) else batch
     check_images(values, spec, backend)
     for advice in advise_on_images(values, spec):
-        warnings.warn(advice, UserWarning, stacklevel=2)
+        warn_caller(advice)
     descriptor = describe(values, spec, backend=backend)
     if layout != "cells":
         check_choice("layout", layout, ResultLayout)

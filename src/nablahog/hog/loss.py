@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Literal, NoReturn, TypeAlias
 
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor, nn
 
 from ..inputs.numbers import check_choice
 from ..inputs.tensors import advise_on_tensor, check_dense, check_device
+from ..runtime.advice import warn_caller
 from .descriptor import HALVES, advise_on_images, check_images, describe
 from .dialects import as_spec, refuse_settings
 from .spec import HOGSpec
@@ -83,8 +83,10 @@ class HOGLoss(nn.Module):
         for name, images in zip(("input", "target"), values, strict=True):
             check_dense(name, images)
             check_images(images, self.spec)
-        for advice in dict.fromkeys(advice for images in values for advice in advise_on_images(images, self.spec)):
-            warnings.warn(advice, UserWarning, stacklevel=4)  # of the line that called: between are PyTorch's
+        about_input, about_target = ([*advise_on_images(images, self.spec)] for images in values)
+        for advice in dict.fromkeys((*about_input, *about_target)):
+            names = [name for name, about in (("input", about_input), ("target", about_target)) if advice in about]
+            warn_caller(f"{' and '.join(names)}: {advice}")
         descriptors, expected = (describe(images, self.spec) for images in values)
         scale = torch.maximum(expected.square().sum((1, 2, 3)), self._full_weight_energy(expected))
         losses = (descriptors - expected).square().sum((1, 2, 3)) / scale

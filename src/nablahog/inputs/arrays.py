@@ -8,7 +8,6 @@ last: (H, W), (H, W, C) or (B, H, W, C), where C is 1 or 3.  An array without th
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -18,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..runtime.advice import warn_caller
 from ..runtime.text import describe_type
 from .pil_images import is_pil, load_pixels, pil_pixels
 from .tensors import check_dense, read_tensor
@@ -132,11 +132,11 @@ def as_photograph(name: str, photograph: object) -> Tensor:
     return image
 
 
-def warn_about_levels(images: Tensor, stacklevel: int) -> None:
+def warn_about_levels(images: Tensor) -> None:
     """Warns of images far beyond 0…1."""
     advice = advise_on_levels(images)
     if advice:
-        warnings.warn(advice, UserWarning, stacklevel=stacklevel)
+        warn_caller(advice)
 
 
 def advise_on_levels(images: Tensor) -> str:

@@ -9,6 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from .pil_images import is_pil
+
 
 def check_dense(name: str, tensor: Tensor) -> None:
     """Raises TypeError for a nested, sparse or quantized tensor, whose numbers the loops cannot read."""
@@ -81,10 +83,12 @@ def check_device(name: str, tensor: Tensor, other_name: str, other: Tensor) -> N
 
 
 def advise_on_tensor(name: str, value: object) -> str:
-    """What to write for an array, or for lists of numbers, that must be a tensor; nothing for all else."""
+    """What to write for an array, a PIL image or lists of numbers that must be a tensor; nothing for all else."""
     noun = name.split()[-1]
     if isinstance(value, np.ndarray):
         return f": write torch.from_numpy({noun})"
+    if is_pil(value):
+        return f": write torch.from_numpy(np.array({noun}.convert('RGB'))).permute(2, 0, 1)[None]"
     return f": write torch.tensor({noun})" if isinstance(value, list | tuple) else ""
 
 

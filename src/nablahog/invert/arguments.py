@@ -66,7 +66,7 @@ def convert_images(
     brightest = float(images.detach().max())
     if brightest > 1 + LEVEL_OVERSHOOT:
         raise ValueError(f"{name} must be floats in 0…1, got up to {brightest:g}: divide by the value of white, 255")
-    warn_about_levels(images, stacklevel=5)  # of the line that called reconstruct, which has a decorator
+    warn_about_levels(images)
     images = images.detach().to(descriptor)
     return images.clamp(min=0).sqrt() if spec.gamma == "sqrt" else images
 

@@ -13,7 +13,6 @@ import re
 import shutil
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
@@ -23,6 +22,8 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+
+from ..runtime.advice import warn_caller
 
 INSTRUCTIONS = "NABLAHOG_INSTRUCTIONS"
 """Environment variable with the best instructions to use: ``none`` (plain PyTorch), ``v2``, ``v3`` or ``v4``."""
@@ -51,12 +52,11 @@ def library() -> ctypes.CDLL | None:
         _build_again(core)
     best = _best_library(core, _INSTRUCTION_LEVELS[wanted]) if core.exists() else None
     if best is None:
-        warnings.warn(
+        warn_caller(
             f"nablahog has no compiled loops for {'this processor' if wanted == 'v4' else wanted}, and runs many times "
             "slower on plain PyTorch: install a C++ compiler (g++ 12 or clang++ 14, or newer), then nablahog again, in "
             "a checkout by `make native`",
             RuntimeWarning,
-            stacklevel=2,
         )
         return None
     changed = changed_since(best)

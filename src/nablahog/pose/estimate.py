@@ -6,7 +6,6 @@ exhaustive one that it is compared with.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
@@ -26,6 +25,7 @@ from ..io.input_file import Readable
 from ..render import Mesh
 from ..render.mesh import check_mesh
 from ..render.renderer import EdgeMethod
+from ..runtime.advice import warn_caller
 from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace, momentum_ascent
 from .best_search import best_search
@@ -207,14 +207,14 @@ def estimate_pose(
             f"the photograph must have at least {SMALLEST_SIDE}x{SMALLEST_SIDE} pixels, got "
             f"{image.shape[1]}x{image.shape[2]} (height x width)"
         )
-    warn_about_levels(image, stacklevel=4)  # of the line that called: between are this function and its decorator
+    warn_about_levels(image)
     exif = exif_focal(photograph) if isinstance(focal, str) and is_pil(photograph) else None  # type: ignore[arg-type]
     lens = choose_lens((image.shape[1], image.shape[2]), focal, principal_point, intrinsics, distortion, exif)
     camera = lens.camera
     if camera is not None and principal_point is None:
         advice = advise_on_size(camera.height, camera.width, camera.cx, camera.cy)
         if advice is not None:
-            warnings.warn(advice, UserWarning, stacklevel=3)  # of the line that called the decorated function
+            warn_caller(advice)
     generator = torch.Generator().manual_seed(as_seed(seed))
     box = None if box is None else check_box(box, image.shape[1], image.shape[2])  # in the photograph's pixels
     if mask is not None:

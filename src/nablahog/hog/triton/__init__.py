@@ -7,13 +7,13 @@ images on a GPU come, not before.
 from __future__ import annotations
 
 import os
-import warnings
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
 import torch
 
+from ...runtime.advice import warn_caller
 from ...runtime.extras import INSTALL_COMMANDS
 
 LEAST_CAPABILITY = 7, 0
@@ -44,10 +44,7 @@ def _missing(device: torch.device) -> str:
 
 @cache
 def _say_once(why: str) -> None:
-    warnings.warn(
-        f"hog runs in plain PyTorch on this GPU, which takes some forty times the image's memory. {why}",
-        stacklevel=2,
-    )
+    warn_caller(f"hog runs in plain PyTorch on this GPU, which takes some forty times the image's memory. {why}")
 
 
 def _traceable(cached: Any) -> Any:
@@ -59,7 +56,8 @@ def chosen(device: torch.device) -> bool:
     """Whether ``backend="auto"`` takes the kernels; if they are missing it says so, once."""
     if device.type != "cuda" or not _traceable(_any_gpu)():
         return False
-    if why := _traceable(_missing)(device):
+    why = _traceable(_missing)(device)
+    if why and not torch.compiler.is_compiling():  # who calls is not known there
         _say_once(why)
     return not why
 
