@@ -184,7 +184,7 @@ def test_interrupted_and_then_killed(command: str, parts_of_it: str, count: int)
         end(process, by)
         assert process.exitcode == status
         if by == signal.SIGINT:
-            assert (folder / "printed").read_text().endswith(": error: interrupted\n")
+            assert ": error: interrupted" in (folder / "printed").read_text().splitlines()[-1]
             assert not list(folder.rglob("*.part"))
         assert done.items() < times(folder, parts_of_it).items()
         done = times(folder, parts_of_it)
