@@ -7,27 +7,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from ..hog.normalizers.base import Identity
-from ..hog.steps import split_colours
 from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
-from ..runtime.pytorch import in_threads
 from .assumptions import describe_assumptions
 from .candidates import WINDOWED, Candidate, Parameters, check_dialects, fit_shape
-from .orders import Checked, check_distance, check_layout, check_order
+from .exactness import COARSEST, check_identities, find_parts, find_step, restore
+from .orders import check_distance, check_layout, check_order
 from .windows import describe_seams, find_windows
 
 CONSTANT = "its numbers are all equal, which says nothing about where they are from"
+ROUNDED = "its numbers are rounded, to steps in which nothing exact shows: save five decimals or more"
 MOST_NAMED = 3  # candidates in a summary
 NOTHING_FITS = "no preset fits; `dialects` tries other parameters, such as {'skimage': {'pixels_per_cell': (16, 16)}}"
-CLIPPED = (0.2, 0.4)  # the largest entries of dialects that clip, which tell a factor
 MOST_ROWS = 64  # of a matrix of vectors, which are checked
 MOST_CHECKED = 2**20  # numbers that are checked; of longer vectors, only the shape is
-ROUNDING = 32  # units in the last place that a sum of entries may be off
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,13 @@ def which_hog(
     checked = array.reshape(overlapping[0].count, -1) if len(overlapping) == 1 else array
     if not is_row(checked.shape) and all(each.count > 1 for each in overlapping or fitting):
         checked = checked[:MOST_ROWS]
-    remaining, excluded, identities = _check_identities(checked, overlapping or fitting)
+    if find_step(checked) > COARSEST:
+        return WhichHOG(tuple(overlapping or fitting), remark=ROUNDED)
+    remaining, excluded, identities = check_identities(checked, overlapping or fitting)
+    if not identities and not overlapping and size is None and is_row(array.shape):
+        parts, remark = find_parts(array, dialects)
+        if parts:
+            return WhichHOG((*parts, *fitting), len(parts), remark=remark)
     is_contradicted = not remaining
     # numbers of which nothing exact holds may be another library's, unless the dialect is known
     is_known = bool(identities or overlapping) or (len(dialects or ()) == 1 and not is_contradicted)
@@ -146,7 +148,7 @@ def which_hog(
         decided_by = f"{decided_by}, and {shared}" if identities or len(overlapping) > 1 else shared
     ranked = (*remaining, *excluded)
     if not is_known:
-        remark, original = _restore(array, checked, fitting)
+        remark, original = restore(array, checked, fitting)
         if original is None:
             if is_contradicted:
                 names = dict.fromkeys(each.preset for each in fitting)
@@ -166,60 +168,3 @@ def which_hog(
 def _rank_by_shape(candidate: Candidate) -> tuple[bool, bool, int]:
     """Smaller for a whole array in its library's own layout, with few parameters that are not defaults."""
     return candidate.count > 1, candidate.how.layout != candidate.spec.layout, len(candidate.parameters)
-
-
-def _check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
-    """Leaves those of which most identities of their normalisers hold, and none fails."""
-    checks = in_threads(lambda k: _identities_that_hold(array, candidates[k]), len(candidates))
-    possible = [
-        (candidate, holding) for candidate, holding in zip(candidates, checks, strict=True) if holding is not None
-    ]
-    most = max((len(holding) for _, holding in possible), default=0)
-    best = [(candidate, holding) for candidate, holding in possible if len(holding) == most]
-    exact = [identity.sentence for identity in best[0][1] if identity.share] if best else []
-    remaining = [candidate for candidate, _ in best]
-    excluded = [candidate for candidate, holding in possible if len(holding) < most]
-    return remaining, excluded, ", and ".join(dict.fromkeys(exact))
-
-
-def _identities_that_hold(array: NDArray[np.floating], candidate: Candidate) -> list[Identity] | None:
-    """The identities that hold, without their errors; None if one does not."""
-    precision = np.finfo(np.float16 if array.dtype == np.float16 else np.float32).eps
-    tolerance = ROUNDING * float(precision)
-    spec = candidate.spec.single_colour
-    channels = split_colours(candidate.descriptors(array), candidate.spec).permute(0, 3, 1, 2)
-    holding: list[Identity] = []
-    for identity in spec.normalizer.identities(channels, spec.bins, spec.signed, tolerance):
-        if not identity.errors.numel():
-            continue
-        share = float((identity.errors.abs() <= tolerance).double().mean())
-        if share < identity.share:
-            return None
-        if share and not identity.is_bound:
-            holding.append(identity._replace(errors=torch.empty(0)))
-    return holding
-
-
-def _restore(
-    array: NDArray[np.floating], checked: NDArray[np.floating], candidates: list[Candidate]
-) -> tuple[str, NDArray[np.floating] | None]:
-    """What the numbers look like, as a sentence, and the array before it was scaled or reversed, if that holds exactly.
-
-    Only the part that is ``checked`` decides.
-    """
-    largest = float(checked.max())
-    for factor in (255.0, *(largest / clipped for clipped in CLIPPED)):
-        scaled = np.asarray(checked / factor, np.float32)
-        remaining, _, identities = _check_identities(scaled, candidates)
-        if identities and _has_scale(scaled, remaining[0]):
-            sentence = f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
-            return sentence, np.asarray(array / factor, np.float32)
-    remaining, _, identities = _check_identities(checked[..., ::-1], candidates)
-    if identities:
-        return f"in reverse order they may be {remaining[0].summary}: {identities}", array[..., ::-1]
-    return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else "", None
-
-
-def _has_scale(array: NDArray[np.floating], candidate: Candidate) -> bool:
-    """Whether something holds that would not of multiples: what adds up does at any scale."""
-    return any(identity.has_scale for identity in _identities_that_hold(array, candidate) or ())

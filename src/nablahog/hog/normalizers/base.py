@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 SAME = 1e-4  # relative difference of entries that may be one number, the clip
+ROUNDED_ROW = 8  # part of the tolerance of sums, by which rounding moves a histogram
 
 
 class Footprint(NamedTuple):
@@ -193,15 +194,19 @@ def clipped(values: Tensor, clip: float) -> Tensor:
     return values.minimum(values.new_full((), clip))  # a number that is made on the device
 
 
-def proportion_errors(first: Tensor, second: Tensor, first_clip: Tensor | float, second_clip: Tensor | float) -> Tensor:
+def proportion_errors(
+    first: Tensor, second: Tensor, first_clip: Tensor | float, second_clip: Tensor | float, *, tolerance: float
+) -> Tensor:
     """How far rows (…, n) are from multiples of each other, relative to their length, where neither is clipped.
 
-    Rows with fewer than three such entries that are not 0 are left out.
+    Rows with fewer than three such entries that are not 0 are left out.  ``tolerance`` is that of sums: a part of it
+    is how far rounding moves a row, whatever its length.
     """
     free = (first < first_clip * (1 - SAME)) & (second < second_clip * (1 - SAME))
     first, second = first.where(free, first.new_zeros(())), second.where(free, second.new_zeros(()))
     tell = ((first > 0) & (second > 0)).sum(dim=-1) > 2
     first, second = first[tell], second[tell]
     factors = (first * second).sum(dim=-1, keepdim=True) / second.square().sum(dim=-1, keepdim=True)
-    errors: Tensor = (first - factors * second).norm(dim=-1) / first.norm(dim=-1)
+    residuals = (first - factors * second).norm(dim=-1) - tolerance / ROUNDED_ROW * (1 + factors.squeeze(-1))
+    errors: Tensor = residuals.clamp(min=0) / first.norm(dim=-1)
     return errors

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 LEAST_VOTES = 2.0  # times ε: the length of a block that is not flat
 CLIPPED_SHARE = 0.1  # of blocks, from which on clipped entries say something: a few look clipped by chance
+SHORTFALL = 0.2  # of how much shorter than 1 blocks are, is uncertain by rounding to float32
 
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
@@ -119,23 +120,37 @@ class BlockNorm(Normalizer):
         sizes, largest = sizes[used], numbers[used].topk(2, dim=-1).values
         low, high = self._sizes()
         what = "add up to" if self.form == "L1" else "have length"
-        between = f"{low:.3f} … {high:.3f}" if high - low > tolerance else "1"
-        yield Identity(f"no {count} numbers exceed length {high:.3f}", (sizes - high).clamp(min=0), is_bound=True)
-        yield Identity(f"every {count} numbers {what} {between}", (low - sizes).clamp(min=0), share=0.5)
+        is_range = high - low > tolerance
+        between = f"{low:.6g} to {high:.6g}" if is_range else "1"
+        yield Identity(f"no {count} numbers exceed length {high:.6g}", (sizes - high).clamp(min=0), is_bound=True)
+        sentence = f"every {count} numbers {what} {between}"
+        yield Identity(sentence, (low - sizes).clamp(min=0), share=0.5, is_bound=is_range)
         if self.form == "L2-Hys":
-            # d = c / (‖c‖ + ε₂) of clipped entries c, so that c = d · ε₂ / (1 - ‖d‖)
-            clips = largest[:, 0] * self.epsilon_again - self.clip * (1 - sizes)
-            ties, tied = (largest[:, 0] - largest[:, 1]) / largest[:, 0], 0.1
-            if self.epsilon_outside_root:
-                # blocks of other dialects have lengths that would make c longer than this
-                yield Identity(f"no entry exceeds the clip {self.clip:g}", clips.clamp(min=0))
-                if float((clips.abs() <= tolerance).double().mean()) >= CLIPPED_SHARE:
-                    yield Identity(f"the largest entries were clipped at {self.clip:g}", clips, share=CLIPPED_SHARE)
-                tied = 0.0  # ε makes faint blocks so short that nothing is clipped
-            sentence = "the largest entries of blocks are equal, as clipped ones"
-            yield Identity(sentence, ties, share=tied, has_scale=False)
+            yield from self._clips(sizes, largest, tolerance)
         if self.step == (1, 1) != self.block:
-            yield from self._shared_cells(channels, bins)
+            yield from self._shared_cells(channels, bins, tolerance)
+
+    def _clips(self, sizes: Tensor, largest: Tensor, tolerance: float) -> Iterator[Identity]:
+        """What holds of the lengths of blocks, and their largest two entries, if these are clipped."""
+        # d = c / (‖c‖ + ε₂) of clipped entries c, so that c = d · ε₂ / (1 - ‖d‖)
+        clips = largest[:, 0] * self.epsilon_again - self.clip * (1 - sizes)
+        ties, tied = (largest[:, 0] - largest[:, 1]) / largest[:, 0], 0.1
+        if self.epsilon_outside_root:
+            # blocks of other dialects have lengths that would make c longer than this
+            yield Identity(f"no entry exceeds the clip {self.clip:g}", clips.clamp(min=0))
+            if float((clips.abs() <= tolerance).double().mean()) >= CLIPPED_SHARE:
+                yield Identity(f"the largest entries were clipped at {self.clip:g}", clips, share=CLIPPED_SHARE)
+            tied = 0.0  # ε makes faint blocks so short that nothing is clipped
+        sentence = "the largest entries of blocks are equal, as clipped ones"
+        yield Identity(sentence, ties, share=tied, is_bound=True, has_scale=False)
+        if not self.epsilon_outside_root:
+            # d = c / √(‖c‖² + ε₂²), so that 1 - ‖d‖² = (d · ε₂ / c)²: so little that only the sum over all blocks tells
+            are_clipped = ties <= tolerance
+            expected = (largest[are_clipped, 0] * self.epsilon_again / self.clip).square().sum()
+            if expected > tolerance * are_clipped.sum().sqrt():
+                ratio = (1 - sizes[are_clipped].square()).sum() / expected
+                sentence = f"blocks are shorter than 1 by what ε₂ = {self.epsilon_again:g} takes"
+                yield Identity(sentence, (ratio - 1)[None] * (tolerance / SHORTFALL))
 
     def _sizes(self) -> tuple[float, float]:
         """The least and the largest length, or sum, of a block that is not flat."""
@@ -149,7 +164,7 @@ class BlockNorm(Normalizer):
         )
         return least, most
 
-    def _shared_cells(self, channels: Tensor, bins: int) -> Iterator[Identity]:
+    def _shared_cells(self, channels: Tensor, bins: int, tolerance: float) -> Iterator[Identity]:
         """Along both axes, the histograms that neighbouring blocks share, where neither is clipped."""
         batch, _, rows, cols = channels.shape
         blocks = channels.reshape(batch, *self.block, bins, rows, cols)
@@ -163,7 +178,7 @@ class BlockNorm(Normalizer):
                 for x in (blocks, clips)
                 for start in (0, 1)
             ]
-            errors = proportion_errors(*rows_of_cells)
+            errors = proportion_errors(*rows_of_cells, tolerance=tolerance)
             sentence = "cells that neighbouring blocks share are proportional"
             yield Identity(sentence, errors.flatten(), share=0.99, has_scale=False)
 

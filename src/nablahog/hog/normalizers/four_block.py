@@ -200,7 +200,7 @@ class FourBlockNorm(Normalizer):
             excess = parts["blocks"] - self.clip
             yield Identity(f"no entry exceeds {self.clip:g}", excess.clamp(min=0), is_bound=True)
             yield Identity(f"the largest entry is {self.clip:g}", excess.flatten(1).amax(dim=1), share=0.0)
-            yield self._shared_by_blocks(parts["blocks"])
+            yield self._shared_by_blocks(parts["blocks"], tolerance)
         summed = parts.get("undirected" if self.texture == "vlfeat" else "directed")
         if summed is not None and "texture" in parts:
             totals = self.texture_sums(parts["texture"])
@@ -236,12 +236,12 @@ class FourBlockNorm(Normalizer):
             yield Identity(f"{what} add up to at most 1", errors.clamp(min=0), share=0.95, is_bound=True)
             yield Identity(f"{what} add up to 1", errors, share=0.0)  # less where the image is as flat as ε
 
-    def _shared_by_blocks(self, blocks: Tensor) -> Identity:
+    def _shared_by_blocks(self, blocks: Tensor, tolerance: float) -> Identity:
         """The histogram of a cell in the first of its blocks, and in each of the others, where neither is clipped."""
         batch, _, rows, cols = blocks.shape
         histograms = blocks.reshape(batch, len(BLOCK_NAMES), -1, rows, cols).movedim(2, -1)
         first, second = histograms[:, :1].expand_as(histograms[:, 1:]), histograms[:, 1:]
-        errors = proportion_errors(first.flatten(0, 3), second.flatten(0, 3), self.clip, self.clip)
+        errors = proportion_errors(first.flatten(0, 3), second.flatten(0, 3), self.clip, self.clip, tolerance=tolerance)
         return Identity("what four blocks make of a cell is proportional", errors, share=0.99, has_scale=False)
 
     def _edges(self, channels: Tensor) -> Iterator[Identity]:
