@@ -69,13 +69,15 @@ def test_an_array_is_asked_about_if_its_numbers_do_not_decide(client: TestClient
     array = hog(image, presets.opencv(), layout="native")
     said = client.post("/api/descriptors?name=h.npy", content=_npy(array)).json()
     assert (said["preset"], said["image_size"]) == ("opencv", [128, 64])
-    assert "0.995 … 0.999" in said["decided_by"]
+    assert "clipped at 0.2" in said["decided_by"]
     data = _npy(hog(image, "paper"))
     asked = client.post("/api/descriptors?name=h.npy", content=data)
     assert asked.status_code == 422
     assert asked.json()["error"].startswith("h.npy: an array does not say which library it is from")
     paper = {"preset": "paper", "settings": {}, "image_size": None}
     assert paper in asked.json()["question"]["fitting"]
+    scaled = {"name": "h.npy", "preset": "opencv"}
+    assert "divided by 3" in client.post("/api/descriptors", params=scaled, content=_npy(array * 3)).json()["remark"]
     said = client.post("/api/descriptors", params={"name": "h.npy", "preset": "paper"}, content=data).json()
     assert (said["preset"], said["image_size"], said["decided_by"]) == ("paper", [128, 64], "")
 

@@ -108,13 +108,22 @@ def test_a_matrix(
     assert sorted(os.listdir(out)) == ["d_000000_glyphs.png", "d_000001_glyphs.png"]
     assert main([*asked, "--row", "1", "-o", str(tmp_path / "g.png")]) == 0
     assert (read_image(tmp_path / "g.png") == read_image(Path(out) / "d_000001_glyphs.png")).all()
-    refused(*asked, "--row", "2", "-o", out, message="a row 2, counted from 0")
+    refused(*asked, "--row", "2", "-o", out, message="no row 2")
 
 
 def test_what_decides_is_said(tmp_path: Path, array: NDArray[np.float32], capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "d.npy", array)
     assert main(["glyph", str(tmp_path / "d.npy"), "-o", str(tmp_path / "g.png")]) == 0
     assert "--preset vlfeat, because " in capsys.readouterr().err
+
+
+def test_a_remark_on_the_numbers_stands_on_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = str(tmp_path / "v.npy"), tmp_path / "out"
+    np.save(path, np.full((2, 324), 0.1))
+    asked = ["--preset", "opencv", "--image-size", "32x32", "--quality", "fast"]
+    assert main(["invert", path, *asked, "-o", str(out)]) == 0
+    assert capsys.readouterr().err.count("its numbers are all equal") == 1
+    assert (out / "index.html").read_text(encoding="utf-8").count("its numbers are all equal") == 2
 
 
 def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused: Callable[..., None]) -> None:

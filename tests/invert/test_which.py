@@ -183,16 +183,14 @@ def test_dialects_that_there_are_not(dialects: dict[str, dict[str, Any]], words:
 
 
 def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
-    vector = opencv()
-    found = which_hog(vector / vector.max())
-    assert not found.decided_by
-    assert "exactly 1" in found.remark
+    noise = np.random.default_rng(0).random(3780)
+    assert "exactly 1" in which_hog(noise / noise.max()).remark
     for constant in (0, 0.5, -1):
         found = which_hog(np.full(3780, constant))
         assert not found.candidates
         assert "equal" in found.remark
         assert found.remark in repr(found)
-    assert which_hog(np.random.default_rng(0).random(3780)).remark == ""
+    assert which_hog(noise).remark == ""
 
 
 @pytest.mark.parametrize("name", ["opencv", "dpm", "uoctti", "skimage", "cnn_hog", "maskfeat"])

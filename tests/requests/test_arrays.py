@@ -153,6 +153,17 @@ def test_sides_that_seem_exchanged_are_remarked_on(tmp_path: Path) -> None:
         assert (found.advice is not None) == is_remarked
 
 
+@pytest.mark.parametrize("factor", [255, 3, 0])
+def test_numbers_that_contradict_the_preset_are_remarked_on(tmp_path: Path, factor: float) -> None:
+    """Scaled ones, or all equal; the request is carried out all the same."""
+    vector = nablahog.hog(data.astronaut()[40:168, 190:254], "opencv", layout="native")
+    np.save(tmp_path / "v.npy", vector * factor if factor else np.full(3780, 0.1))
+    [found] = read_stored(str(tmp_path / "v.npy"), GlyphRequest(preset="opencv", image_size=(128, 64)))
+    assert found.advice is not None
+    assert found.advice.request is None
+    assert (f"divided by {factor} they may be opencv()" if factor else "all equal") in found.advice.remark
+
+
 def test_all_suggestions_work_as_they_stand() -> None:
     for shape in ((16, 16, 32), (31, 8, 8), (36,), (3780,), (196, 108)):
         array = np.random.default_rng(0).random(shape)

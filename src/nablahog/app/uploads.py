@@ -98,6 +98,7 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
         "preset": first.spec.name,
         "image_size": list(first.image_size),
         "decided_by": decided_by,
+        "remark": first.remark,
     }
 
 
@@ -109,8 +110,10 @@ def _descriptors(file: InputFile, request: GlyphRequest) -> tuple[list[Source], 
     if len(found) > MOST_PARTS:
         raise RequestError(413, f"{file}: expected at most {MOST_PARTS} descriptors, got {len(found)}")
     rows = [f"row {each.request.row}" if len(found) > 1 else "" for each in found]
+    remark = found[0].advice.remark if found[0].advice else ""
     sources = [
-        replace(from_stored(file.name, "", each.stored), part=row) for each, row in zip(found, rows, strict=True)
+        replace(from_stored(file.name, "", each.stored), part=row, remark=remark)
+        for each, row in zip(found, rows, strict=True)
     ]
     return sources, found[0].request, found[0].decided_by
 

@@ -176,18 +176,20 @@ class _Reader:
     def _read_array(file: InputFile, stem: str, request: GlyphRequest) -> list[Source]:
         """The descriptors in an array, one or those of its rows; a line on stderr says what decided which they are."""
         descriptors = read_stored(file, request)
-        first, advice = descriptors[0], descriptors[0].advice
+        first, advice, remark = descriptors[0], descriptors[0].advice, ""
         if first.decided_by:
             asked = " ".join(words(replace(first.request, row=None), GlyphRequest))
             inform(f"{file}: {asked}, because {first.decided_by}")
         if advice is not None:
-            asked = " ".join(words(advice.request, GlyphRequest))
-            inform(f"{file}: {advice.remark}: write {asked}")
+            write = f": write {' '.join(words(advice.request, GlyphRequest))}" if advice.request else ""
+            remark = f"{advice.remark}{write}"
         sources = []
         for descriptor in descriptors:
             row = descriptor.request.row
             source = from_stored(file.name, f"{stem}_{row:06d}" if len(descriptors) > 1 else stem, descriptor.stored)
-            sources.append(source if row is None else replace(source, part=f"row {row}"))
+            sources.append(replace(source, part="" if row is None else f"row {row}", remark=remark))
+        if remark:
+            inform(f"{file}: {remark}")
         return sources
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from ..hog.normalizers.base import Identity
 from ..hog.steps import split_colours
@@ -41,7 +42,7 @@ def check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -
 def _identities_that_hold(array: NDArray[np.floating], candidate: Candidate, tolerance: float) -> list[Identity] | None:
     """The identities that hold, without their errors; None if one does not."""
     spec = candidate.spec.single_colour
-    channels = split_colours(candidate.descriptors(array), candidate.spec).permute(0, 3, 1, 2)
+    channels = _split_channels(array, candidate)
     holding: list[Identity] = []
     for identity in spec.normalizer.identities(channels, spec.bins, spec.signed, tolerance):
         if not identity.errors.numel():
@@ -52,6 +53,11 @@ def _identities_that_hold(array: NDArray[np.floating], candidate: Candidate, tol
         if share and not identity.is_bound:
             holding.append(identity._replace(errors=torch.empty(0)))
     return holding
+
+
+def _split_channels(array: NDArray[np.floating], candidate: Candidate) -> Tensor:
+    """The descriptors of an array, those of each colour by themselves, (B, channels, rows, cols)."""
+    return split_colours(candidate.descriptors(array), candidate.spec).permute(0, 3, 1, 2)
 
 
 def find_parts(array: NDArray[np.floating], dialects: Mapping[str, Parameters] | None) -> tuple[list[Candidate], str]:
@@ -97,19 +103,27 @@ def restore(
 
     Only the part that is ``checked`` decides.
     """
-    largest = float(checked.max())
-    for factor in (255.0, *(largest / clipped for clipped in CLIPPED)):
+    most, restored = 0, None
+    for factor in _find_factors(checked, candidates):
         scaled = np.asarray(checked / factor, np.float32)
         remaining, _, identities = check_identities(scaled, candidates)
-        if identities and _has_scale(scaled, remaining[0]):
+        holding = _identities_that_hold(scaled, remaining[0], find_tolerance(scaled)) if identities else None
+        # what adds up does at any scale
+        if holding and len(holding) > most and any(identity.has_scale for identity in holding):
             sentence = f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"
-            return sentence, np.asarray(array / factor, np.float32)
+            most, restored = len(holding), (sentence, np.asarray(array / factor, np.float32))
+    if restored is not None:
+        return restored
     remaining, _, identities = check_identities(checked[..., ::-1], candidates)
     if identities:
         return f"in reverse order they may be {remaining[0].summary}: {identities}", array[..., ::-1]
-    return "its largest number is exactly 1, as if all were divided by it" if largest == 1 else "", None
+    return "its largest number is exactly 1, as if all were divided by it" if checked.max() == 1 else "", None
 
 
-def _has_scale(array: NDArray[np.floating], candidate: Candidate) -> bool:
-    """Whether something holds that would not of multiples: what adds up does at any scale."""
-    return any(identity.has_scale for identity in _identities_that_hold(array, candidate, find_tolerance(array)) or ())
+def _find_factors(array: NDArray[np.floating], candidates: list[Candidate]) -> Iterable[float]:
+    """By what the numbers may have been multiplied, without those that differ by rounding alone."""
+    factors = [255.0, *(float(array.max()) / clipped for clipped in CLIPPED)]
+    for candidate in {each.spec: each for each in candidates}.values():
+        scale = candidate.spec.single_colour.normalizer.scale(_split_channels(array, candidate))
+        factors += [] if scale is None else [scale]
+    return {f"{factor:.5g}": factor for factor in factors}.values()

@@ -30,10 +30,10 @@ _CELL_NAMES = ("pixels_per_cell", "cell_size")
 
 @dataclass(frozen=True)
 class Advice:
-    """What the numbers say, as a clause, and what to ask for."""
+    """What the numbers say, as a clause, and what to ask for, if the checks decide on that."""
 
     remark: str
-    request: GlyphRequest
+    request: GlyphRequest | None
 
 
 def advise(array: NDArray[np.floating], request: GlyphRequest) -> Advice | None:

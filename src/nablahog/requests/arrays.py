@@ -54,9 +54,7 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
         with suggesting(array, request):
             asked = request
             request, how, decided_by = identify(array, request)
-        advice = None
-        if is_row(how.shape) and np.isfinite(array).all():
-            advice = advise_on_swapped_size(array, asked) or advise_on_preset(array, asked)
+        advice = _advise_against(array, asked, how)
         if is_row(array.shape) and math.prod(how.shape) < array.size:
             array = array.reshape(-1, math.prod(how.shape))
         _check_row(array.size // math.prod(how.shape), request.row)
@@ -67,6 +65,18 @@ def read_stored(path: Readable, request: GlyphRequest) -> list[ArrayDescriptor]:
             ArrayDescriptor(to_descriptor(array[row], request.spec, how), replace(request, row=row), decided_by, advice)
             for row in rows
         ]
+
+
+def _advise_against(array: NDArray[np.floating], request: GlyphRequest, how: FittedLayout) -> Advice | None:
+    """What the numbers say against a request that fits the array."""
+    if not np.isfinite(array).all():
+        return None
+    # rows and columns say size and preset
+    advice = advise_on_swapped_size(array, request) or advise_on_preset(array, request) if is_row(how.shape) else None
+    if advice or request.preset is None or not array.any():  # 0 is the descriptor of a flat image
+        return advice
+    remark = find_which(array, request).remark
+    return Advice(remark, None) if remark else None
 
 
 def _check_row(count: int, row: int | None) -> None:
@@ -150,7 +160,7 @@ def suggesting(array: NDArray[np.floating], request: GlyphRequest) -> Iterator[N
         about: Topic = error.about if isinstance(error, InputError) else "descriptor"
         asked = request if about in ("image size", "preset") else replace(request, preset=None, settings={})
         advice = advise(array, request)
-        fitting = [Suggestion(advice.request)] if advice else suggest(array, asked)
+        fitting = [Suggestion(advice.request)] if advice and advice.request else suggest(array, asked)
         facts = {
             "shape": array.shape,
             "fitting": fitting,

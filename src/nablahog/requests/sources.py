@@ -31,6 +31,7 @@ class Source:
         image_size: (height, width) of the image the descriptor was computed from.
         photo: that image, (C, H, W) float32 in 0…1, or None for a descriptor file.
         part: which one of several in the file, for captions.
+        remark: what its numbers say against what was asked for, as a clause; empty if nothing.
     """
 
     path: str
@@ -40,6 +41,7 @@ class Source:
     image_size: tuple[int, int]
     photo: Tensor | None
     part: str = ""
+    remark: str = ""
 
     @property
     def name(self) -> str:

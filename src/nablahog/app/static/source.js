@@ -260,7 +260,7 @@ export class SourceChooser extends EventTarget {
       const info = result;
       this.#take({ kind: "descriptor", id: info.parts[0]?.id ?? info.id, whole: info.id, name: info.name,
         template: info.template, parts: info.parts,
-        decided: info.decided_by ? ` of ${info.preset}, because ${info.decided_by}` : "" });
+        decided: info.decided_by ? ` of ${info.preset}, because ${info.decided_by}` : info.remark && `; ${info.remark}` });
     }
   }
 }

@@ -18,7 +18,8 @@
  * @typedef {[number, number, number, number]} Box x0, y0, x1, y1 in pixels
  *
  * @typedef {{id: string, name: string, template: boolean, parts: Named[], shape: number[], preset: string,
- *   image_size: [number, number] | null, decided_by: string}} DescriptorInfo
+ *   image_size: [number, number] | null, decided_by: string, remark: string}} DescriptorInfo
+ *   remark: what its numbers say against what was asked for
  * @typedef {{preset: string, settings: {[name: string]: string}, image_size: [number, number] | null}} FittingPreset
  * @typedef {{keys: string[] | null, shape: number[] | null, weights: boolean, fitting: FittingPreset[]}} Question
  *   weights: whether it may be those of a detector

@@ -94,8 +94,9 @@ def _section(inversion: Inversion) -> html.Section:
     agreement, regions = inversion.agreement, inversion.sure_regions
     samples = "" if agreement is None else f" {SAMPLES}: {agreement:.2f}."
     unsure = "" if regions is None else f" {REGIONS.format(share=regions)}"
+    remark = f" Of the array, {source.remark}." if source.remark else ""
     return html.Section(
         f"{source.name}, {source.spec.name}",
-        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.{unsure}{samples}",
+        f"From {numbers} numbers (rows, columns, channels), in {inversion.seconds:.1f} s.{remark}{unsure}{samples}",
         [*inversion.panels(), *inversion.sampled()[1:]],
     )

@@ -78,8 +78,8 @@ class Normalizer(Part):
     Of one that makes a vector as long as its histogram of each cell, :class:`PerCell` has most of these.
 
     It may have: :meth:`check`, if it does not go with all bins; :meth:`image_factor`, if one number normalises all of
-    an image; :meth:`invert`, if histograms can be computed back in closed form; :meth:`identities`, by which its
-    descriptors are recognised; :meth:`native_constants`, for a header in ``native``.
+    an image; :meth:`invert`, if histograms can be computed back in closed form; :meth:`identities` and
+    :meth:`scale`, by which its descriptors are recognised; :meth:`native_constants`, for a header in ``native``.
     Unless ``native/operator.h`` lists its ``kind``, native cells are followed by :meth:`normalize`.
     The rest has defaults that hold unless channels are left out, or have a meaning beside the bins of cells.  Fields
     are converted by their types, see :func:`.convert_fields`.
@@ -143,6 +143,10 @@ class Normalizer(Part):
 
     def invert(self, channels: Tensor) -> Tensor | None:
         """Histograms (B, bins, rows, cols) of descriptors (B, channels, rows, cols) in closed form, if there is one."""
+        return None
+
+    def scale(self, channels: Tensor) -> float | None:
+        """By what descriptors (B, channels, rows, cols) were multiplied, if it can be told."""
         return None
 
     def identities(self, channels: Tensor, bins: int, signed: bool, tolerance: float) -> Iterator[Identity]:

@@ -152,6 +152,14 @@ class BlockNorm(Normalizer):
                 sentence = f"blocks are shorter than 1 by what ε₂ = {self.epsilon_again:g} takes"
                 yield Identity(sentence, (ratio - 1)[None] * (tolerance / SHORTFALL))
 
+    def scale(self, channels: Tensor) -> float:
+        """From the longest block, or the largest sum; of clipped ones of OpenCV, from the clip they have in common."""
+        numbers = channels.movedim(1, -1)
+        sizes = numbers.sum(dim=-1) if self.form == "L1" else numbers.norm(dim=-1)
+        if self.form == "L2-Hys" and self.epsilon_outside_root:  # see identities
+            return float((sizes + numbers.amax(dim=-1) * self.epsilon_again / self.clip).max())
+        return float(sizes.max()) / self._sizes()[1]
+
     def _sizes(self) -> tuple[float, float]:
         """The least and the largest length, or sum, of a block that is not flat."""
         if self.form != "L2-Hys":
