@@ -61,7 +61,10 @@ def word_error(error: Exception) -> str:
     if not isinstance(error, InputError):
         return name_options(explain(error))
     if error.facts.get("weights") and error.about == "preset":
-        return f"{error}, and many entries are negative, as in the weights of a detector: expected --template"
+        return (
+            f"{error}, and many entries are negative, as in the weights of a detector: expected --template; of a "
+            "standardised descriptor v, undo a StandardScaler first: v * scale_ + mean_"
+        )
     suggestions = error.facts.get("fitting", [])
     if error.facts.get("decided"):
         return f"{error}: write {_as_options(suggestions)}"

@@ -160,8 +160,8 @@ class _Reader:
                 raise
             if is_opencv_file(file):
                 raise ValueError(
-                    f"{file}: expected a photograph or descriptor; `nablahog invert --template` reads what OpenCV's "
-                    "HOGDescriptor saved"
+                    f"{file}: expected a photograph or descriptor; `nablahog invert --template` reads a "
+                    "HOGDescriptor that OpenCV saved with its detector, no SVM of cv2.ml"
                 ) from None
             raise ValueError(
                 f"{error}; arrays are read from .npy, .npz and .mat files (of a table of numbers, numpy.save('m.npy', "

@@ -97,7 +97,7 @@ class InvertRequest(GlyphRequest):
         for name, others in _EXCLUDED.items():
             for other in others:
                 if asked[name] and asked[other]:
-                    raise ValueError(f"{name} and {other} exclude each other")
+                    raise ValueError(f"{name} and {other} exclude each other: leave out one of them")
 
     def keywords(self) -> dict[str, Any]:
         """The keywords of :func:`nablahog.reconstruct` that ask for the same."""
