@@ -52,6 +52,7 @@ DECIDED: dict[str, tuple[Callable[[], Array], str, tuple[int, int]]] = {
     "five decimals of VLFeat": (lambda: ours("vlfeat").ravel().round(5), "vlfeat", (128, 64)),
     "float32": (lambda: skimage().astype(np.float32), "skimage", (128, 64)),
 }
+MATRIX = in_one_row(3).reshape(3, -1)
 ASKED: dict[str, tuple[Callable[[], Array], str]] = {
     "four decimals": (lambda: skimage().round(4), "rounded"),
     "bytes": (lambda: np.uint8(255 * opencv()), "rounded"),
@@ -60,6 +61,19 @@ ASKED: dict[str, tuple[Callable[[], Array], str]] = {
         "reshape(2, 1764)",
     ),
     "four images in a row": (lambda: in_one_row(4), "reshape(4, 1764)"),
+    "OpenCV's columns and rows": (lambda: opencv().reshape(7, 15, 36), "ravel()"),
+    "OpenCV's rows and columns": (lambda: opencv().reshape(15, 7, 36), "lines of 15"),
+    "axes of MATLAB": (lambda: ours("dlib", 64, 96).T, "transpose"),
+    "a narrow image": (lambda: ours("vlfeat", 200, 32).ravel(), "narrow"),
+    "a narrow image of FHOG": (lambda: ours("piotr", 200, 32).ravel(), "narrow"),
+    "three blocks cut off": (lambda: opencv(width=128, height=64)[:-108], ""),
+    "nine blocks cut off": (lambda: opencv()[:-324], ""),
+    "blocks that share no cells": (lambda: opencv(stride=16), ""),
+    "places in rows": (lambda: opencv().reshape(105, 36), "ravel()"),
+    "places of VLFeat in rows": (lambda: ours("vlfeat").reshape(31, -1).T, "ravel()"),
+    "a column of labels": (lambda: np.c_[[-1, 1, -1], MATRIX], "first column"),
+    "a column of labels at the end": (lambda: np.c_[MATRIX, [0, 1, 0]], "last"),
+    "descriptors in columns": (lambda: MATRIX.T, ".T"),
     "a factor": (lambda: skimage(norm="L2") * 0.95, ""),
 }
 
@@ -78,3 +92,26 @@ def test_asked_about(name: str) -> None:
     found = which_hog(make())
     assert not found.decided_by
     assert words in found.remark
+
+
+ASSUMED: dict[str, tuple[Callable[[], Array], str]] = {
+    "windows without overlap": (
+        lambda: (
+            cv2.HOGDescriptor((64, 64), (16, 16), (8, 8), (8, 8), 9)
+            .compute(photograph("gravel", 128, 128), (64, 64))
+            .ravel()
+        ),
+        "several in a row",
+    ),
+    "reversed OpenCV": (lambda: opencv()[::-1], "reverse"),
+    "reversed scikit-image": (lambda: skimage()[::-1], "reverse"),
+    "VLFeat with axes of NumPy": (lambda: np.moveaxis(ours("vlfeat"), 0, 2), "vlfeat"),
+    "a stride of 4": (lambda: opencv(stride=4), "block_stride"),
+}
+
+
+@pytest.mark.parametrize("name", ASSUMED)
+def test_what_may_be_wrong_is_assumed(name: str) -> None:
+    make, words = ASSUMED[name]
+    found = which_hog(make())
+    assert not found.decided_by or words in found.assumed

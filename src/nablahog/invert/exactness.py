@@ -13,7 +13,7 @@ from ..hog.normalizers.base import Identity
 from ..hog.steps import split_colours
 from ..runtime.pytorch import in_threads
 from .candidates import Candidate, Parameters, fit_shape
-from .orders import Checked
+from .orders import Checked, check_order
 
 CLIPPED = (0.2, 0.4)  # the largest entries of dialects that clip, which tell a factor
 ROUNDING = 32  # units in the last place that a sum of entries may be off
@@ -21,13 +21,14 @@ STEPS = (1e-2, 1 / 255, 1e-3, 1e-4, 1e-5, 1e-6)  # to which numbers are rounded 
 COARSEST = 1e-5  # step with which identities still tell dialects from each other
 MOST_PARTS = 16  # descriptors in one row, of which is tried whether something exact holds of each
 OF_WHOLE_IMAGES = ("skimage", "vlfeat", "dlib")  # presets of which what is exact does not hold across images in one row
+MOST_REARRANGED = 2**18  # numbers of a matrix that is tried in other ways
 LEAST_KINDS = 32  # different numbers, which tell that they are rounded
 
 
 def check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -> Checked:
     """Leaves those of which most identities of their normalisers hold, and none fails."""
     tolerance = find_tolerance(array)
-    checks = in_threads(lambda k: _identities_that_hold(array, candidates[k], tolerance), len(candidates))
+    checks = in_threads(lambda k: identities_that_hold(array, candidates[k], tolerance), len(candidates))
     possible = [
         (candidate, holding) for candidate, holding in zip(candidates, checks, strict=True) if holding is not None
     ]
@@ -39,7 +40,7 @@ def check_identities(array: NDArray[np.floating], candidates: list[Candidate]) -
     return remaining, excluded, ", and ".join(dict.fromkeys(exact))
 
 
-def _identities_that_hold(array: NDArray[np.floating], candidate: Candidate, tolerance: float) -> list[Identity] | None:
+def identities_that_hold(array: NDArray[np.floating], candidate: Candidate, tolerance: float) -> list[Identity] | None:
     """The identities that hold, without their errors; None if one does not."""
     spec = candidate.spec.single_colour
     channels = _split_channels(array, candidate)
@@ -77,6 +78,24 @@ def find_parts(array: NDArray[np.floating], dialects: Mapping[str, Parameters] |
     return [], ""
 
 
+def describe_rearranged(
+    array: NDArray[np.floating], size: tuple[int, int] | None, dialects: Mapping[str, Parameters] | None
+) -> str:
+    """What a matrix may be if it is flattened, transposed or without labels, as a sentence; empty if nothing."""
+    matrices = {"transposed, .T,": array.T, "without its first column": array[:, 1:], "without its last": array[:, :-1]}
+    for what, rearranged in {"flattened, ravel(),": array.reshape(-1), **matrices}.items():
+        checked = rearranged if rearranged.ndim == 1 else rearranged[:MOST_PARTS]
+        if checked.size > MOST_REARRANGED or not checked.any() or (checked < 0).any():
+            continue
+        fitting = fit_shape(rearranged.shape, size, dialects)
+        candidates = [each for each in fitting if (each.count > 1) == (rearranged.ndim > 1)]
+        remaining, _, identities = check_identities(checked, candidates)
+        if identities:
+            nearest = check_order(checked, remaining)[0][0]
+            return f"{what} it may be {nearest.summary}: {identities}"
+    return ""
+
+
 def find_tolerance(array: NDArray[np.floating]) -> float:
     """How far sums of entries may be off by rounding, of their type or to the step that they show."""
     precision = float(np.finfo(np.float16 if array.dtype == np.float16 else np.float32).eps)
@@ -107,7 +126,7 @@ def restore(
     for factor in _find_factors(checked, candidates):
         scaled = np.asarray(checked / factor, np.float32)
         remaining, _, identities = check_identities(scaled, candidates)
-        holding = _identities_that_hold(scaled, remaining[0], find_tolerance(scaled)) if identities else None
+        holding = identities_that_hold(scaled, remaining[0], find_tolerance(scaled)) if identities else None
         # what adds up does at any scale
         if holding and len(holding) > most and any(identity.has_scale for identity in holding):
             sentence = f"divided by {factor:g} they may be {remaining[0].summary}: {identities}"

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ..inputs.arrays import as_array
 from ..inputs.numbers import as_size, shortened
 from ..io.descriptor_file import is_row
+from .alignment import describe_axes, describe_lines
 from .assumptions import describe_assumptions
 from .candidates import WINDOWED, Candidate, Parameters, check_dialects, fit_shape
-from .exactness import COARSEST, check_identities, find_parts, find_step, restore
+from .exactness import COARSEST, check_identities, describe_rearranged, find_parts, find_step, restore
 from .orders import check_distance, check_layout, check_order
 from .windows import describe_seams, find_windows
 
@@ -35,9 +36,10 @@ class WhichHOG:
         likely: the number of the first candidates between which no check decides; 0 if none was made.
         decided_by: the check that leaves only the first, as a sentence; empty if none does.
         assumed: what no check tells of the first, as a clause, if it was decided and there is something.
-        remark: why nothing was decided, as a sentence, of numbers that are scaled, in reverse order or all equal, or
-            that look like several descriptors in one row.  Of scaled and reversed ones, the candidates are those of the
-            numbers as they were before.
+        remark: why nothing was decided, as a sentence, of numbers that are scaled, in reverse order, rounded or all
+            equal, that look like several descriptors in one row, that are more alike in lines of another length, or
+            that are a descriptor if they are flattened, transposed or without a column.  Of scaled and reversed ones,
+            the candidates are those of the numbers as they were before.
     """
 
     candidates: tuple[Candidate, ...]
@@ -109,6 +111,16 @@ def which_hog(
     if array.size > 1 and (array == array.flat[0]).all():
         return WhichHOG((), remark=CONSTANT)
     size = None if image_size is None else as_size("image_size", image_size)
+    found = _find(array, size, dialects)
+    if found.decided_by or found.remark or array.ndim != 2 or is_row(array.shape):
+        return found
+    return replace(found, remark=describe_rearranged(array, size, dialects))
+
+
+def _find(
+    array: NDArray[np.floating], size: tuple[int, int] | None, dialects: Mapping[str, Parameters] | None
+) -> WhichHOG:
+    """Makes the checks in order."""
     fitting = sorted(fit_shape(array.shape, size, dialects), key=_rank_by_shape)
     # no descriptor has negative entries, and one that is 0 satisfies all
     if not array.any() or (array < 0).any() or array[:1].size > MOST_CHECKED:
@@ -155,13 +167,17 @@ def which_hog(
                 remark = ", and ".join(filter(None, (f"its numbers contradict {' and '.join(names)}", remark)))
             return WhichHOG(ranked, len(ranked), remark=remark)
         # something exact holds of it, so that nothing is restored again
-        return replace(which_hog(original, image_size, dialects=dialects), decided_by="", assumed="", remark=remark)
+        return replace(_find(original, size, dialects), decided_by="", assumed="", remark=remark)
     # windows without blocks in common look like one image of all their columns
     is_sure = len(remaining) == 1 and (bool(overlapping) or size is not None or remaining[0] not in windows)
     single = is_row(checked.shape) and remaining[0].count == 1
-    seams = describe_seams(checked, remaining[0]) if is_sure and single and size is None else ""
-    if seams or not is_sure:
-        return WhichHOG(ranked, len(remaining), remark=seams)
+    doubts = describe_seams(checked, remaining[0]) if is_sure and single and size is None else ""
+    if is_sure and not doubts and not overlapping and size is None:
+        doubts = describe_lines(checked, remaining[0])
+    if is_sure and not doubts and array.ndim == 3:
+        doubts = describe_axes(array, remaining[0])
+    if doubts or not is_sure:
+        return WhichHOG(ranked, len(remaining), remark=doubts)
     return WhichHOG(ranked, 1, decided_by, describe_assumptions(ranked[0], is_size_known=size is not None))
 
 
