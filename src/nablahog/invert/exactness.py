@@ -82,7 +82,11 @@ def describe_rearranged(
     array: NDArray[np.floating], size: tuple[int, int] | None, dialects: Mapping[str, Parameters] | None
 ) -> str:
     """What a matrix may be if it is flattened, transposed or without labels, as a sentence; empty if nothing."""
-    matrices = {"transposed, .T,": array.T, "without its first column": array[:, 1:], "without its last": array[:, :-1]}
+    matrices = {
+        "transposed, .T,": array.T,
+        "without its first column": array[:, 1:],
+        "without its last column": array[:, :-1],
+    }
     for what, rearranged in {"flattened, ravel(),": array.reshape(-1), **matrices}.items():
         checked = rearranged if rearranged.ndim == 1 else rearranged[:MOST_PARTS]
         if checked.size > MOST_REARRANGED or not checked.any() or (checked < 0).any():
