@@ -174,6 +174,22 @@ def test_what_is_dropped_ends_what_was_dropped_before(page: Page, tmp_path: Path
 
 
 @in_a_browser
+def test_a_camera_is_dropped_on_another_view(page: Page) -> None:
+    for width, end in (
+        (224, "document.querySelector('#intrinsics').value === '320, 300, 100, 120'"),
+        (9, "document.querySelector('#alert').textContent.includes('cameras.txt')"),
+    ):
+        page.open("#/see?photo=scene-chair")
+        page.idle()
+        drop(page, cameras_txt=f"1 PINHOLE {width} {width} 320 300 100 120")
+        page.until("!document.querySelector('#fit').hidden")
+        page.until(end)
+        page.idle()
+        assert page.read(end)
+    refused_and_expected(page)
+
+
+@in_a_browser
 def test_invert(page: Page) -> None:
     page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&prior=none")
     page.read("document.querySelector('#invert-start').focus()")

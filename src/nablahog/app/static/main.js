@@ -28,8 +28,10 @@ function start(about) {
   });
   /** @param {(file: File) => void} open in Fit */
   const inFit = (open) => (/** @type {File} */ file) => {
+    if (address.view === "fit") return open(file);
+    // after the view has begun, which takes the camera from the address
+    address.addEventListener("view", () => open(file), { once: true });
     address.go("fit");
-    open(file);
   };
   const source = new SourceChooser(about, address, inFit((file) => fit.openMesh(file)), inFit((file) => fit.openCamera(file)));
   /** @type {App} */
