@@ -88,6 +88,9 @@ LONG = '{"a": {"winSize": [' + 3000 * "1, " + '"' + 10**6 * "x" + '"]}}'  # 12 G
         (FILE + "   SVMDetector: [ 1., 2.,\n       3.", r"'SVMDetector: \[ 1., 2., 3.' is no entry"),  # cut
         (FILE.replace("nbins: 6", "nbins: ٦"), "nbins must be numbers, got ٦"),
         ('{"a": {"winSize": [[1], [2, 3]]}}', r"winSize must be numbers, got \[\[1\], \[2, 3\]\]"),
+        ("%YAML:1.0\n---\nopencv_ml_svm:\n   support_vectors:\n      - [ 1. ]\n", "getSupportVectors"),
+        ("<opencv_storage><opencv_ml_svm></opencv_ml_svm></opencv_storage>", "getSupportVectors"),
+        ('{"opencv_ml_svm": {"format": 3}}', "getSupportVectors"),
         (LONG, "winSize must be numbers, got"),
         ("<a>" + 100_000 * "<b/>" + "</a>", "it has more than 100,000 tags"),
     ],

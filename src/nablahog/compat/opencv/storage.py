@@ -57,6 +57,7 @@ def default_name(stem: str) -> str:
     return "unnamed" if name == "_" else name
 
 
+_SVM = "opencv_ml_svm"
 _OF_SVM = (
     "; if it is a linear SVM, write its weights in one array: "
     "numpy.save('weights.npy', -svm.getSupportVectors()[0]), without the minus for a regression"
@@ -72,9 +73,9 @@ def read(path: Readable, name: str) -> Node:
     except (ValueError, ElementTree.ParseError, RecursionError) as error:
         raise ValueError(f"{file}: expected a FileStorage of OpenCV: {one_line(error)}") from None
     node = nodes.get(name) if name else next(iter(nodes.values()), None)
-    if isinstance(node, Mapping) and "support_vectors" in node:
-        raise ValueError(f"{file}: expected a HOGDescriptor, got an SVM of cv2.ml{_OF_SVM}")
     if not isinstance(node, Mapping) or "winSize" not in node:
+        if _SVM in nodes or (isinstance(node, Mapping) and "support_vectors" in node):
+            raise ValueError(f"{file}: expected a HOGDescriptor, got an SVM of cv2.ml{_OF_SVM}")
         raise ValueError(f"{file}: expected a HOGDescriptor{f' named {one_line(name)!r}' if name else ''}, got none")
     return node
 
@@ -119,7 +120,7 @@ def _read_text(file: InputFile) -> str:
         except (EOFError, OSError, zlib.error) as error:
             raise ValueError(f"it cannot be unpacked: {error}") from None
     if len(data) > MAX_STORAGE_BYTES:
-        raise ValueError(f"it is larger than {MAX_STORAGE_BYTES:,} bytes{_OF_SVM * (b'opencv_ml_svm' in data[:1000])}")
+        raise ValueError(f"it is larger than {MAX_STORAGE_BYTES:,} bytes{_OF_SVM * (_SVM.encode() in data[:1000])}")
     return data.decode().lstrip("\ufeff \t\r\n")  # UnicodeDecodeError is a ValueError
 
 
