@@ -163,6 +163,8 @@ def test_what_is_dropped_ends_what_was_dropped_before(page: Page, tmp_path: Path
     people = (tmp_path / "people.json").read_text(encoding="utf-8")
     drop(page, people_json=people)
     page.until("document.querySelector('#source-name').textContent.includes('detector template')")
+    for name, disabled in (("quality", True), ("method", True), ("prior", True), ("seed", False)):
+        assert page.read(f"document.querySelector('#invert-{name}').disabled") == disabled
     drop(page, other_json=people)
     drop(page, a_png="x", b_png="x")
     page.idle()

@@ -84,10 +84,20 @@ def test_a_template(client: TestClient) -> None:
     file = io.BytesIO()
     np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
     of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
-    kind, done = events(client, descriptor=of["id"], seed=3)[-1]
+    kind, done = events(client, descriptor=of["id"], seed=3, quality="best")[-1]
     command = "nablahog invert w.npy -o out --preset uoctti --template --seed 3"
     assert (kind, done["snippets"]["command"]) == ("done", command)
     assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["snippets"]["python"]
+
+
+@pytest.mark.parametrize("asked", [{"quality": "fast"}, {"method": "paper"}, {"start": "sample-camera"}])
+def test_a_template_excludes_what_its_search_does_not_have(client: TestClient, asked: dict[str, str]) -> None:
+    file = io.BytesIO()
+    np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
+    weights = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
+    answer = client.post("/api/invert", json={"descriptor": weights["id"], **asked})
+    assert answer.status_code == 422
+    assert "template" in answer.json()["error"]
 
 
 def test_refused_before_it_begins(client: TestClient) -> None:

@@ -123,6 +123,11 @@ class InvertMessage(InvertRequest):
     start: str | None = field_of(TEXT, None)
     size: int = option(256, "pixels on the longer side", integer(8, INVERT_SIZE), on_page=True)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.template and self.start is not None:
+            raise ValueError("template and start exclude each other: leave out one of them")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PoseMessage(PoseRequest):

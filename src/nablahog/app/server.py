@@ -9,6 +9,7 @@ import secrets
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -162,6 +163,8 @@ class Server:
         message = decode(await request.body(), InvertMessage)
         # a refusal here has an HTTP status
         entry = await self.quick.run(lambda _: requested_descriptor(message, self.store))
+        with as_request_error():
+            message = replace(message, template=entry.template)
         return StreamingResponse(self._frames(message, entry), media_type="text/event-stream")
 
     async def _frames(self, message: InvertMessage, entry: DescriptorEntry) -> AsyncIterator[bytes]:

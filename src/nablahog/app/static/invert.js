@@ -76,16 +76,25 @@ export class Invert {
     this.explain();
   }
 
-  /** Says whether there is a prior, and the seed counts; called when the view is shown, and when preset or parameters change. */
+  /** Says which options count, and whether there is a prior; called when the view is shown, and when preset or parameters change. */
   explain() {
     const kind = this.app.dialect.preset.signed ? "signed" : "unsigned";
+    const template = this.#isTemplate;
+    this.#options.disable(template ? ["quality", "method", "prior"] : []);
     const { method, prior } = this.#options.value;
-    const source = this.app.source.value, template = source?.kind === "descriptor" && source.template;
     const asked = method === "default" && prior === "default" && !template, learned = this.app.about.priors[kind];
-    element("method-about", HTMLElement).textContent = !asked ? ""
+    element("method-about", HTMLElement).textContent =
+      template ? "A detector’s weights are searched in one way, without a prior: only the seed can be chosen."
+      : !asked ? ""
       : learned ? "A search from the learned prior draws no random numbers: the seed changes nothing."
       : `There is no learned prior for presets with ${kind} directions: the search does without one.`;
     enable(this.#otherSeed, !(asked && learned));
+  }
+
+  /** Whether the source is the weights of a detector. */
+  get #isTemplate() {
+    const source = this.app.source.value;
+    return source?.kind === "descriptor" && source.template;
   }
 
   /** What a request says about the source and the descriptor. */
@@ -119,7 +128,7 @@ export class Invert {
     element("preimage-caption", HTMLElement).textContent = caption;
     enable(this.#stop, state === "running");
     enable(this.#start, state !== "running");
-    enable(this.#goOn, state !== "running" && Boolean(this.#done ?? this.#frame));
+    enable(this.#goOn, state !== "running" && !this.#isTemplate && Boolean(this.#done ?? this.#frame));
   }
 
   async #further() {

@@ -96,6 +96,8 @@ const KEYS = new Map([["invert-size", "invert_size"], ["fit-method", "pose_metho
 export class Options {
   /** @type {Map<Parameter, Control>} */
   #controls = new Map();
+  /** @type {string[]} names of the options that are disabled */
+  #disabled = [];
 
   /**
    * @param {string} view
@@ -122,12 +124,25 @@ export class Options {
     this.restore();
   }
 
-  /** The values as a request has them; an entry that is not valid counts as the default. */
+  /** The values as a request has them; an entry that is not valid, or disabled, counts as the default. */
   get value() {
     /** @type {{[name: string]: string | number | boolean | null}} */
     const values = {};
-    for (const [option, control] of this.#controls) values[option.name] = valueOf(option, control.read() ?? option.default);
+    for (const [option, control] of this.#controls) {
+      const text = this.#disabled.includes(option.name) ? null : control.read();
+      values[option.name] = valueOf(option, text ?? option.default);
+    }
     return values;
+  }
+
+  /** @param {string[]} names of the options to disable; the others are enabled */
+  disable(names) {
+    this.#disabled = names;
+    for (const [option, control] of this.#controls) {
+      for (const each of control.nodes.querySelectorAll("input, select")) {
+        each.toggleAttribute("disabled", names.includes(option.name));
+      }
+    }
   }
 
   /** Takes the options from the address. */
