@@ -52,7 +52,8 @@ export function poseTables(result) {
   nodes.push(make("p", { class: "note" }, `${same}${confidence === null
     ? "This method does not say how sure it is; “best” does."
     : `Confidence ${figure(confidence, 2)}: of earlier poses with this confidence, about ${Math.min(99, Math.round(100 * confidence))} % were right, `
-      + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same. "
+      + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same; "
+      + "where the photograph does not show the object, none is, however high the confidence. "
       + `That it is seen from the opposite side: ${figure(halfTurn, 2)}. `
       + "If the pose is right, the true value is within ± (one standard deviation) in 68 of 100."}`));
   if (others.length) {

@@ -72,7 +72,8 @@ DEFINITIONS = {
     "the photograph's visual elements of the dot products of the ∇HOG descriptors of their patches with those of the "
     "rendering, as in the paper.",
     "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
-    "looks the same, as measured on rendered scenes and photographs.",
+    "looks the same, as measured on rendered scenes and photographs. Where the photograph does not show the object, no "
+    "pose is right, however high it is.",
     "warning": "A sentence if the pose is more likely wrong than right, or if the camera's numbers seem to be for "
     "photographs of another size; else null.",
     "refused": "Whether the confidence is below the one asked for with --least-confidence.",
