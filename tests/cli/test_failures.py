@@ -57,6 +57,7 @@ class Finder:  # an import in which KeyboardInterrupt is lost, as in NumPy's __g
             except KeyboardInterrupt:
                 raise RecursionError
 sys.meta_path.insert(0, Finder)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # programs in the background are started without
 sys.argv = ["nablahog", "hog", "cat.png", "-o", "cat.npz"]
 sys.exit(main())"""
 

@@ -40,7 +40,7 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
     screen = screen.detach().contiguous()
     if not native.can_read(screen):
         return rasterize_torch(screen, faces, height, width)
-    ids = torch.empty(len(screen), height, width, dtype=torch.int32)
+    ids = torch.empty(len(screen), height, width, dtype=torch.int32, device=screen.device)
     inverse, triangles = screen.new_empty(ids.shape), faces.int().contiguous()
     mesh = screen, len(screen), screen.shape[1], triangles, len(triangles)
     _rasterize(screen.dtype == torch.float64, *mesh, height, width, ids, inverse)

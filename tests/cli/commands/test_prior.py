@@ -82,7 +82,7 @@ def test_an_installation_without_priors(
     assert line.startswith("Inverting without a learned prior: this installation of nablahog has no unsigned.npz")
     message = "dalal-learned needs a file of unsigned-prior, see `nablahog learn prior --signs unsigned`"
     command = ["table1", "--images", images, "-o", str(tmp_path / "out"), "--methods", "dalal-learned"]
-    refused(*command, message=message)
+    refused(*command, message=message, status=2)
 
 
 def test_samples(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
