@@ -137,6 +137,7 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     (tmp_path / "broken.png").write_bytes(b"no image")
     page.driver.find_element("id", "file").send_keys(str(tmp_path / "broken.png"))
     page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
+    assert "tiny.png stays open" in page.text("#alert")
     refused_and_expected(page)
 
 

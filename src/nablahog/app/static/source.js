@@ -231,11 +231,22 @@ export class SourceChooser extends EventTarget {
     }
   }
 
+  /**
+   * An error of a file that was to take the place of what is open, which it says then, too.
+   *
+   * @param {unknown} error
+   */
+  #refusal(error) {
+    const name = this.value?.name;
+    if (!(error instanceof ServerError) || !error.status || !name) return error;
+    return new ServerError(error.status, `${error.message.replace(/\.$/, "")}. ${name} stays open.`, error.answer);
+  }
+
   /** @param {File} file */
   async #upload(file) {
     /** @type {import("./types.js").PhotoInfo | undefined} */
     const photo = await this.#newest.run(`Sending ${file.name}`, (signal) =>
-      postFile("api/photos", { name: file.name }, file, signal));
+      postFile("api/photos", { name: file.name }, file, signal).catch((error) => { throw this.#refusal(error); }));
     if (photo) this.#take({ kind: "photo", ...photo });
   }
 
@@ -248,7 +259,7 @@ export class SourceChooser extends EventTarget {
       try {
         return await postFile("api/descriptors", { name: file.name, ...answers }, file, signal);
       } catch (error) {
-        if (!(error instanceof ServerError) || !error.answer?.question) throw error;
+        if (!(error instanceof ServerError) || !error.answer?.question) throw this.#refusal(error);
         return error;
       }
     });
