@@ -21,6 +21,9 @@ BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
     "an empty folder": (lambda path: (path.unlink(), path.mkdir()), "expected a file, or a folder of files"),
     "no image": (lambda path: path.write_text("hello"), "expected an image, got a file that is none"),
+    "empty": (lambda path: path.write_bytes(b""), "expected an image, got an empty file"),
+    "numbers": (lambda path: path.write_text("1,-2e-3\n" * 20_000), "png', delimiter=','))"),
+    "numbers in one column": (lambda path: path.write_text("0.5\n"), "png'))"),
     "smaller than a cell": (lambda path: Image.fromarray(CHELSEA[:3]).save(path), "at least one cell of 8x8 pixels"),
 }
 

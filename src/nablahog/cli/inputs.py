@@ -163,10 +163,7 @@ class _Reader:
                     f"{file}: expected a photograph or descriptor; `nablahog invert --template` reads a "
                     "HOGDescriptor that OpenCV saved with its detector, no SVM of cv2.ml"
                 ) from None
-            raise ValueError(
-                f"{error}; arrays are read from .npy, .npz and .mat files (of a table of numbers, numpy.save('m.npy', "
-                "numpy.loadtxt('m.csv', delimiter=',')) writes one)"
-            ) from None
+            raise ValueError(f"{error}; arrays are read from .npy, .npz and .mat files") from None
         shrunk = longer_side(file) > max(photo.shape)
         self.shrunk += shrunk and request.size == LONGER_SIDE
         self.loses_colours |= len(photo) == COLOURS and makes_colours_gray(request.spec)

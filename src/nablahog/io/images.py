@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,7 +24,7 @@ from ..runtime.errors import explain
 from ..runtime.extras import extra
 from ..runtime.text import one_line
 from .files import Writable, replacing
-from .input_file import Readable, input_file
+from .input_file import InputFile, Readable, input_file
 from .pixels import PIXELS_VARIABLE, decode_image, prepare_pillow
 
 Picture: TypeAlias = Tensor | NDArray[np.floating]
@@ -34,6 +35,8 @@ SAMPLE_NAMES = ("astronaut", "brick", "camera", "chelsea", "clock", "coffee", "c
 _FILM = math.hypot(36, 24)  # millimetres: the diagonal that equivalent focal lengths refer to (CIPA DCG-001)
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # by the unit of the focal plane's resolution
 _CUT = 0.01  # relative difference of proportions above which a photograph counts as cropped
+_START = 2**16  # bytes that tell whether a file is text of numbers
+_UNPROCESSED = re.compile(r" \(\d+ bytes not processed\)")  # Pillow's buffer, not what is missing
 
 
 def as_array(picture: Picture) -> NDArray[np.float64]:
@@ -90,14 +93,30 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
                 f"environment variable {PIXELS_VARIABLE} allows more"
             ) from None
         except UnidentifiedImageError:
-            raise ValueError(
-                f"{file}: expected an image, got a file that is none, or of an unknown format: save it as PNG or JPEG"
-            ) from None
+            raise ValueError(f"{file}: expected an image, got {_describe_other(file)}") from None
         except MemoryError:
             raise
         except Exception as error:  # decoders of damaged files raise nearly anything
-            reason = one_line(explain(error).removeprefix(f"{file}: "))
+            reason = _UNPROCESSED.sub("", one_line(explain(error).removeprefix(f"{file}: ")))
             raise ValueError(f"{file}: the image cannot be read: {reason}; save or copy it again") from None
+
+
+def _describe_other(file: InputFile) -> str:
+    """What a file is that is no image, and what to write in its place."""
+    if not file.size:
+        return "an empty file"
+    text = file.read(_START + 1)
+    if len(text) > _START:
+        text = text[: max(text.rfind(b"\n"), text.rfind(b","), text.rfind(b" "))]  # before a number that is cut
+    separator = next((mark for mark in ",;" if mark.encode() in text), "")
+    try:
+        numbers = np.array(text.decode("utf-8-sig").replace(separator or " ", " ").split(), float)
+    except ValueError:
+        numbers = np.empty(0)
+    if not numbers.size:
+        return "a file that is none, or of an unknown format: save it as PNG or JPEG"
+    name, delimiter = one_line(repr(os.path.basename(file.name))), f", delimiter={separator!r}" if separator else ""
+    return f"numbers as text: write numpy.save('w.npy', numpy.loadtxt({name}{delimiter}))"
 
 
 def longer_side(path: Readable) -> int:
