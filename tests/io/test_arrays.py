@@ -89,3 +89,10 @@ def test_a_tensor_of_pytorch_is_refused_with_what_to_write(tmp_path: Path) -> No
     torch.save(torch.rand(2, 2, 31), tmp_path / "d.pt")
     with pytest.raises(ValueError, match=r"numpy\.save"):
         arrays.read_array(tmp_path / "d.pt", None)
+
+
+@pytest.mark.parametrize(("kind", "remedy"), [("i8", r"array\.astype\(float\)"), ("u1", "save it as PNG")])
+def test_an_array_of_integers_is_refused_with_what_to_write(tmp_path: Path, kind: str, remedy: str) -> None:
+    np.save(tmp_path / "d.npy", np.zeros(6, kind))
+    with pytest.raises(ValueError, match=remedy):
+        arrays.read_array(tmp_path / "d.npy", None)

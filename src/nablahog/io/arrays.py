@@ -141,7 +141,8 @@ def read_array(path: Readable, key: str | None) -> NDArray[np.floating]:
     """
     array = _choose_array(input_file(path), key)
     if array.dtype.kind != "f" or array.dtype.itemsize > 8:
-        write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else ""
+        write = ": write array.astype(float)" if array.dtype.kind in "biuf" else ""
+        write = "; if it is an image, save it as PNG" if array.dtype == np.uint8 else write
         raise ValueError(f"{path}: expected a descriptor of float16, float32 or float64, got {array.dtype}{write}")
     if not array.size:
         raise ValueError(f"{path}: expected a descriptor, got an array without numbers, of shape {array.shape}")
