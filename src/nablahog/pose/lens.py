@@ -142,9 +142,12 @@ def check_camera_size(camera: CameraFile, height: int, width: int) -> None:
         return
     size = min(camera.sizes, key=lambda size: abs(math.log(height / size[0] * size[1] / width)))
     high, wide = height / size[0], width / size[1]
+    resized = math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS)
     if size == (width, height):
         write = "turn the photograph as it was taken"
-    elif math.isclose(high, wide, rel_tol=MOST_UNEQUAL_RATIOS):
+    elif not resized and math.isclose(height / size[1], width / size[0], rel_tol=MOST_UNEQUAL_RATIOS):
+        write = "if the photograph was turned, turn it as it was taken"
+    elif resized:
         fx, fy, cx, cy = camera.intrinsics
         scaled = ",".join(f"{number:g}" for number in (fx * wide, fy * high, cx * wide, cy * high))
         bent = (
