@@ -299,6 +299,14 @@ def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> Non
         page.until(folded)
         assert page.read("document.activeElement.localName") in ("summary", "body")
         page.idle()
+        page.open("#/see")
+        page.idle()
+        np.save(tmp_path / "mine.npy", feature.hog(data.camera()[:128, :128], feature_vector=False))
+        page.driver.find_element("id", "file").send_keys(str(tmp_path / "mine.npy"))
+        page.until("document.querySelector('#shape').textContent.includes('skimage')")
+        assert page.read(folded)
+        assert "assumed" in page.text("#decided")
+        assert page.read("document.querySelector('#decided').checkVisibility()")
 
 
 @in_a_browser

@@ -142,6 +142,8 @@ export class SourceChooser extends EventTarget {
     const kind = photo ? "" : array?.template ? ", detector template" : `, descriptor${array?.decided ?? ""}`;
     const name = source?.name || "Photograph";
     element("source-name", HTMLElement).textContent = `${name}${size}${kind}`;
+    // where the choice is folded away, above the view
+    element("decided", HTMLElement).textContent = array?.decided ? `${name}${kind}` : "";
     element("chosen", HTMLElement).textContent = name;
     for (const button of document.querySelectorAll("#samples button")) {
       button.setAttribute("aria-pressed", String(button instanceof HTMLElement && button.dataset.id === photo?.id));
