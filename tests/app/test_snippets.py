@@ -109,7 +109,8 @@ def test_of_an_array(client: TestClient, tmp_path: Path, which: str, run: Run) -
     made = names["weights" if "as" in answers else "descriptor"]
     np.testing.assert_array_equal(made, load_descriptor("page.npz").descriptor)
     if which in ("row", "blocks of float64", "template of cells"):
-        done = events(client, descriptor=of["id"])[-1][1]
+        quality = "best" if of["template"] else "fast"  # the search of a template has no other
+        done = events(client, descriptor=of["id"], quality=quality)[-1][1]
         assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
