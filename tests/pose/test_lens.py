@@ -179,10 +179,13 @@ def test_the_file_of_another_size_is_refused(size: tuple[int, int], said: str, t
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize(("scale", "warns"), [(0.5, True), (1.02, False), (2, True), (3, True)])
-def test_a_principal_point_of_another_size_brings_a_warning(scale: float, warns: bool) -> None:
+@pytest.mark.parametrize(
+    ("across", "down", "warns"),
+    [(0.5, 0.5, True), (1.02, 1.02, False), (2, 2, True), (3, 3, True), (0.35, 0.6, True), (1.55, 0.45, False)],
+)
+def test_a_principal_point_of_another_size_brings_a_warning(across: float, down: float, warns: bool) -> None:
     photo = torch.rand(1, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(0))
-    camera = [scale * number for number in (520, 520, 322, 238)]
+    camera = [across * 520, across * 520, across * 322, down * 238]
     options: dict[str, Any] = {"box": (200, 150, 400, 350), "initial": (0, 0), "method": "exhaustive"}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
