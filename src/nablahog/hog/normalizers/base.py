@@ -52,7 +52,7 @@ class Identity(NamedTuple):
         errors: of each equation, or how far a bound is exceeded; 0 but for rounding.
         share: of the equations, the least that holds.  0 where all may fail, but hardly one holds of other numbers.
         is_bound: whether numbers of other normalisers may satisfy it as well.
-        has_scale: whether multiples of the numbers do not satisfy it.
+        has_scale: whether neither larger nor smaller multiples of the numbers satisfy it.
     """
 
     sentence: str

@@ -137,7 +137,7 @@ class BlockNorm(Normalizer):
         ties, tied = (largest[:, 0] - largest[:, 1]) / largest[:, 0], 0.1
         if self.epsilon_outside_root:
             # blocks of other dialects have lengths that would make c longer than this
-            yield Identity(f"no entry exceeds the clip {self.clip:g}", clips.clamp(min=0))
+            yield Identity(f"no entry exceeds the clip {self.clip:g}", clips.clamp(min=0), has_scale=False)
             if float((clips.abs() <= tolerance).double().mean()) >= CLIPPED_SHARE:
                 yield Identity(f"the largest entries were clipped at {self.clip:g}", clips, share=CLIPPED_SHARE)
             tied = 0.0  # ε makes faint blocks so short that nothing is clipped
