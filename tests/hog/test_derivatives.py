@@ -1,4 +1,4 @@
-"""Derivatives: equal to differences where the descriptor is smooth; of normalisers and roots also at kinks."""
+"""Derivatives: equal to differences where the descriptor is smooth; of normalisers, roots and borders also at kinks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import itertools
 import pytest
 import torch
 from torch import Tensor
-from torch.autograd import gradgradcheck
+from torch.autograd import gradcheck, gradgradcheck
 from torch.testing import assert_close
 
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, hog, presets
@@ -48,6 +48,14 @@ def test_derivatives_of_another_angle_or_bin(name: str) -> None:
     assert_close(result, exact, rtol=0, atol=tolerance * exact.abs().max().item())
     if s.vote == "hard":
         assert torch.equal(histograms(x, s), histograms(x, dataclasses.replace(s, derivative="own")))
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_gradcheck(name: str) -> None:
+    """PyTorch's own check, which takes each column of the Jacobian in a call of its own."""
+    s = SMALL[name]
+    x = noise(1, 1, *s.image_size(1, 2), seed=2).requires_grad_()
+    assert gradcheck(lambda z: hog(z, s), (x,), atol=1e-6, rtol=1e-6, check_forward_ad=True)
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -181,3 +189,36 @@ def test_root_of_negative_values_is_that_of_black() -> None:
     grad = torch.func.grad(lambda z: hog(z, s).square().sum())(x)
     assert (grad[x <= 0] == 0).all()
     assert grad.isfinite().all()
+
+
+# --- separate colours ------------------------------------------------------------------------------------------------
+
+
+def test_a_gray_image_has_the_derivatives_of_its_three_colours_together() -> None:
+    s = SPECS["maskfeat"]
+    gray = noise(1, 1, 12, 12)
+    weights = noise(1, *s.grid(12, 12), s.channels, seed=1)
+    grad = torch.func.grad(lambda z: (weights * hog(z, s)).sum())
+    assert_close(grad(gray), grad(gray.expand(1, 3, 12, 12)).sum(dim=1, keepdim=True), rtol=1e-12, atol=1e-12)
+
+
+# --- border ----------------------------------------------------------------------------------------------------------
+
+
+def test_reflect_border_has_no_derivative_across() -> None:
+    x = noise(1, 1, 6, 7)
+    gx, gy = gradient(x, presets.paper())
+    assert (gx[:, :, [0, -1]] == 0).all()
+    assert (gy[:, [0, -1]] == 0).all()
+    assert (gx[:, [0, -1], 1:-1] != 0).all()  # along the border it is as inside
+    jacobian = torch.func.jacrev(lambda z: gradient(z, presets.paper())[0][0, :, 0])(x)
+    assert (jacobian == 0).all()
+
+
+def test_ignored_ring_still_has_derivatives() -> None:
+    """Ring pixels cast no votes but are the neighbours of pixels that do; only the four corners are nobody's."""
+    weights = noise(1, 2, 2, 31, seed=1)
+    grad = torch.func.grad(lambda z: (weights * hog(z, presets.uoctti(4))).sum())(noise(1, 1, 8, 8))[0, 0]
+    corners = torch.zeros(8, 8, dtype=torch.bool)
+    corners[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    assert ((grad == 0) == corners).all()

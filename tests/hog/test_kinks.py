@@ -103,6 +103,17 @@ def test_halfway_between_bin_centres_is_no_kink(preset: str, gx: float, gy: floa
     assert_close(analytic(f, at, across), ahead, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("preset", ["paper", "uoctti"])
+def test_no_jump_where_the_angle_wraps(preset: str) -> None:
+    """Θ jumps from 180° to -180°; neither votes nor their derivatives see it."""
+    f = voter(PRESETS[preset]())
+    above, below = vector(-3, 0.0), vector(-3, -0.0)
+    assert torch.atan2(above[1], above[0]) == -torch.atan2(below[1], below[0])
+    assert_close(f(above), f(below), rtol=0, atol=1e-14)
+    assert_close(torch.func.jacrev(f)(above), torch.func.jacrev(f)(below), rtol=0, atol=1e-14)
+    assert_close(f(vector(-3, 1e-9)), f(vector(-3, -1e-9)), rtol=0, atol=1e-8)
+
+
 # --- hard votes ------------------------------------------------------------------------------------------------------
 
 
@@ -117,6 +128,15 @@ def test_hard_tie_goes_to_first_bin_with_derivative_of_magnitude() -> None:
     assert_close(analytic(f, up, along), 1.0 * torch.eye(18, dtype=DOUBLE)[4])
     assert_close(analytic(f, down, along), -1.0 * torch.eye(18, dtype=DOUBLE)[13])
     assert (analytic(f, up, across) == 0).all()  # d‖∇‖/dgx at gx = 0; nothing of the jump
+
+
+def test_hard_votes_do_not_see_the_orientation() -> None:
+    f = voter(presets.uoctti(vote="hard"))
+    for degrees in range(1, 360, 7):
+        angle = torch.deg2rad(vector(degrees))[0]
+        radial = torch.stack([angle.cos(), angle.sin()])
+        assert_close(analytic(f, 2 * radial, radial), f(2 * radial) / 2)
+        assert_close(analytic(f, 2 * radial, radial.flip(0) * vector(-1, 1)), 0 * f(radial))
 
 
 # --- colour ----------------------------------------------------------------------------------------------------------
@@ -152,3 +172,15 @@ def test_colour_tie_one_sided_derivatives() -> None:
     assert_close(ahead, vector(1.0))
     assert_close(behind, vector(0.0))
     assert (analytic(magnitude, vector(0), vector(1)) == 0).all()
+
+
+def test_colour_winner_jumps() -> None:
+    """Equal magnitudes in different directions: the descriptor itself jumps, so no derivative could be right."""
+    x = torch.zeros(1, 2, 3, 3, dtype=DOUBLE)
+    x[0, 0, 1, 2] = x[0, 1, 2, 1] = 1.0  # first channel: gradient to +x; second: to +y
+    s = presets.uoctti(1)
+    tied = [g[0, 1, 1].item() for g in gradient(x, s)]
+    x[0, 1, 2, 1] += 1e-9
+    raised = [g[0, 1, 1].item() for g in gradient(x, s)]
+    assert tied == [1.0, 0.0]
+    assert raised == [0.0, 1.0 + 1e-9]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -11,10 +13,11 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog import native
-from nablahog.render import Camera, pose, pose_jacobian, pose_vjp
+from nablahog.render import Camera, Renderer, pose, pose_jacobian, pose_vjp
 from nablahog.render.camera import check_poses, pose_velocities, rotation_matrices, rotations, to_camera, to_screen
+from nablahog.render.renderer import EdgeMethod
 
-from .shapes import poses
+from .shapes import box, poses
 
 CAMERA = Camera(100.0, 60, 80)
 ANY_POSE = st.tuples(
@@ -33,6 +36,40 @@ def test_projection_by_hand() -> None:
     assert seen((0.5, -1, 0), pose(0, distance=2)) == pytest.approx([40 + 100 * 0.5, 30, 1])  # the front is nearer
     assert seen((0, 0.5, 0), pose(90, distance=2)) == pytest.approx([40 + 100 * 0.5 / 2, 30, 1 / 2])
     assert seen((0, 1, 0), pose(0, 90, 2)) == pytest.approx([40, 30 - 100 / 2, 1 / 2])  # the back is above, from above
+
+
+@given(ANY_POSE)
+def test_the_camera_is_where_it_is_said_to_be(numbers: tuple[float, ...]) -> None:
+    azimuth, elevation, distance = math.radians(numbers[0]), math.radians(numbers[1]), numbers[2]
+    level = distance * math.cos(elevation)
+    place = [level * math.sin(azimuth), -level * math.cos(azimuth), distance * math.sin(elevation)]
+    result = to_camera(torch.tensor([place], dtype=torch.float64), pose(*numbers))
+    assert_close(result, torch.zeros(1, 1, 3, dtype=torch.float64), rtol=0, atol=1e-12)
+
+
+@given(ANY_POSE)
+def test_rotations_turn_and_do_not_mirror(numbers: tuple[float, ...]) -> None:
+    (turn,) = rotations(pose(*numbers))
+    assert_close(turn @ turn.T, torch.eye(3, dtype=torch.float64), rtol=0, atol=1e-12)
+    assert_close(torch.linalg.cross(turn[0], turn[1]), turn[2], rtol=0, atol=1e-12)  # right x down is forward
+
+
+@pytest.mark.parametrize(
+    ("changed", "point", "axis", "sign"),
+    [
+        ({"azimuth": 10}, (0, -0.5, 0), 0, -1),  # the camera goes to its right, what is near to its left
+        ({"elevation": 10}, (0, -0.5, 0), 1, 1),  # the camera goes up, what is near down
+        ({"theta": 10}, (0.5, 0, 0), 1, -1),  # counter-clockwise: what is right goes up,
+        ({"theta": 10}, (0, 0, 0.5), 0, -1),  # and what is above to the left
+        ({"distance": 5}, (0.5, 0, 0), 0, -1),  # towards the middle
+        ({"x": 10}, (0, 0, 0), 0, 1),
+        ({"y": 10}, (0, 0, 0), 1, 1),
+    ],
+)
+def test_signs(changed: dict[str, float], point: tuple[float, float, float], axis: int, sign: int) -> None:
+    before, after = seen(point, pose(0)), seen(point, pose(**{"azimuth": 0, **changed}))
+    assert sign * (after[axis] - before[axis]) > 1
+    assert after[1 - axis] == pytest.approx(before[1 - axis], abs=1)
 
 
 @given(ANY_POSE)
@@ -98,3 +135,16 @@ def test_the_vjp_is_the_adjoint_of_the_jacobian(
         torch.stack([grad_image, 2 * grad_image])
     )
     assert_close(mapped, torch.stack([expected, 2 * expected]), rtol=tolerance, atol=10 * tolerance)
+
+
+@pytest.mark.parametrize("method", ["edges", "opendr"])
+def test_reverse_mode_of_a_renderer_is_this_vjp(method: EdgeMethod) -> None:
+    renderer = Renderer(box(), SMALL, method=method, supersampling=2)
+    where, background, grad_image = poses(3, 2.6), torch.rand(1, 1, 20, 30), torch.randn(3, 20, 30)
+    rendering = renderer.render(where, background[:, 0], derivative=True)
+    expected = pose_vjp(grad_image, rendering.screen_gradient, where, SMALL)
+    followed = where.clone().requires_grad_()
+    images = renderer(followed, background)[:, 0]
+    assert_close(images, rendering.image.clamp(0, 1), rtol=0, atol=0)
+    (reverse,) = torch.autograd.grad((images * grad_image).sum(), followed)
+    assert_close(reverse, expected.double())

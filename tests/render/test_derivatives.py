@@ -22,7 +22,7 @@ from nablahog.render.edge_gradient import silhouette_edges, surface_motion
 from nablahog.render.renderer import EdgeMethod
 from nablahog.render.surface import mesh_edges
 
-from .shapes import CAMERA, box, cylinder, joined, mesh, poses, split
+from .shapes import CAMERA, FLAT, box, cylinder, joined, mesh, poses, rectangle, split
 
 AT = pose(33.3, 27.7, 13.1, 7.7, 1.3, -2.1)
 BEHIND = torch.full((1, 1, 48, 40), 0.1, dtype=torch.float64)
@@ -147,6 +147,22 @@ def test_forward_is_reverse_where_it_is_compiled(method: EdgeMethod) -> None:
     assert_close(torch.func.grad(lambda p: (image(p) * weights).sum())(at), reverse, rtol=1e-5, atol=1e-5)
     columns = torch.func.jacfwd(image)(at)
     assert_close(torch.einsum("bchwnk,nk->bchw", columns, tangent.float()), forward, rtol=1e-4, atol=1e-4)
+
+
+def test_the_area_of_a_square() -> None:
+    """It is as 1 / distance², its middle moves with the shift, and turning it does nothing."""
+    square = rectangle(9.3, 13.2, 30.7, 34.8, CAMERA, brightness=1.0)
+    at = pose(0, distance=3).requires_grad_()
+    image = render(square, at, CAMERA, background=BEHIND * 0, light=FLAT)[0, 0]
+    (by_area,) = torch.autograd.grad(image.sum(), at, retain_graph=True)
+    area = 21.4 * 21.6
+    assert_close(by_area[0, 2], torch.tensor(-2 * area / 3, dtype=torch.float64), rtol=2e-3, atol=0)
+    others = by_area[0, [0, 1, 3, 4, 5]]
+    assert_close(others, torch.zeros_like(others), rtol=0, atol=5e-2)
+    for k, places in ((4, torch.arange(40)), (5, torch.arange(48)[:, None])):
+        (by_middle,) = torch.autograd.grad((image * (places + 0.5)).sum(), at, retain_graph=True)
+        # a pixel's places are all that of its middle
+        assert_close(by_middle[0, k], torch.tensor(area, dtype=torch.float64), rtol=3e-2, atol=0)
 
 
 def fine(one: Mesh, at: Tensor, k: int, size: float) -> Tensor:

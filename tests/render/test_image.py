@@ -117,6 +117,36 @@ def test_nearer_things_hide_others(dtype: torch.dtype) -> None:
         assert_close(image, expected, rtol=0, atol=1e-5)
 
 
+@dtypes
+def test_theta_turns_the_picture_counter_clockwise(dtype: torch.dtype) -> None:
+    square = Camera(300.0, 40, 40)
+    one, at = box((0.5, 1, 1.5)), pose(30, 20, 13)
+    turned = render(one, at + pose(0, 0, 0, 90), square, background=on(1, dtype, square))
+    upright = render(one, at, square, background=on(1, dtype, square))
+    assert_close(turned, upright.rot90(1, (2, 3)), rtol=0, atol=1e-4)
+
+
+@dtypes
+def test_the_front_is_seen_at_azimuth_0_and_the_right_side_at_90(dtype: torch.dtype) -> None:
+    sides = {"front": (0, 0.1), "x": (90, 0.3), "back": (180, 0.5), "-x": (270, 0.7)}
+    for azimuth, brightness in sides.values():
+        a = math.radians(azimuth)
+        towards = torch.tensor([math.sin(a), -math.cos(a), 0.0], dtype=torch.float64)
+        core = box((0.9, 0.9, 0.9), 1.0)
+        plate = box((0.2, 0.2, 0.2), brightness)
+        plate = Mesh(plate.vertices + 0.5 * towards, plate.faces, plate.brightness)
+        image = render(joined(core, plate), pose(azimuth, distance=13), CAMERA, background=on(1, dtype), light=FLAT)
+        assert float(image[0, 0, 24, 20]) == pytest.approx(brightness, abs=1e-5)
+
+
+def test_silhouettes() -> None:
+    share = silhouette(rectangle(5.3, 3.6, 20.8, 30.25, CAMERA, brightness=0.0), IN_FRONT, CAMERA)
+    assert share.shape == (1, 1, 48, 40)
+    assert float(share.sum()) == pytest.approx((20.8 - 5.3) * (30.25 - 3.6), abs=0.1)
+    assert share.min() == 0
+    assert share.max() == 1
+
+
 def test_depths_and_normals() -> None:
     """Seen from above or in front of its middle, a box shows one side, half a unit nearer than the middle."""
     depth, normals = depth_and_normals(box(), torch.cat([pose(0, 90, 13), pose(0, 0, 13)]), CAMERA)

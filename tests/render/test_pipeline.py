@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from torch.testing import assert_close
 
-from nablahog.render import Camera, Mesh, Renderer, pose
+from nablahog.render import Camera, Mesh, Renderer, pose, render
 from nablahog.render.camera import to_camera, to_screen
 
-from .shapes import box
+from .shapes import FLAT, box, rectangle
 
 Floats = NDArray[np.float64]
 CAMERA = Camera.from_field_of_view(10, 24, 20)
@@ -128,3 +128,14 @@ def test_the_image_and_its_derivatives_are_those_of_the_rule(at: torch.Tensor) -
         direction = torch.eye(6, dtype=torch.float64)[k : k + 1]
         _, slope = torch.func.jvp(lambda p: renderer(p, picture)[0, 0], (at,), (direction,))
         assert_close(slope, torch.from_numpy(derivative[k]), rtol=1e-5, atol=1e-6)
+
+
+def test_a_boundary_counts_once() -> None:
+    """The derivative of the covered area by a shift along one side is the length of that side."""
+    one = rectangle(4.3, 5.2, 15.4, 17.1, CAMERA, brightness=1.0)
+    at = pose(0, distance=3).requires_grad_()
+    weights = torch.zeros(HEIGHT, WIDTH)
+    weights[:, 10:] = 1  # the right side alone
+    image = render(one, at, CAMERA, background=0.0, light=FLAT, method="opendr", supersampling=1)[0, 0]
+    (slope,) = torch.autograd.grad((image * weights).sum(), at)
+    assert float(slope[0, 4]) == pytest.approx(12, abs=1.01)

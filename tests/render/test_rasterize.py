@@ -188,6 +188,16 @@ def test_derivatives() -> None:
     assert torch.autograd.gradcheck(cut, inputs, check_forward_ad=True)
 
 
+@pytest.mark.parametrize("distance", [0.01, 0.2, 0.4])
+def test_from_inside_a_box_nothing_of_the_background_is_seen(distance: float) -> None:
+    for where in (pose(0, 0, distance), pose(33, 20, distance), pose(120, -70, distance, 10)):
+        for image in (
+            render(box(), where, WIDE, background=1.0, light=FLAT),
+            render(box(), where, WIDE, background=torch.ones(1, 1, 30, 40, dtype=torch.float64), light=FLAT),
+        ):
+            assert_close(image, torch.full_like(image, 0.8))
+
+
 def ground(half: float, height: float) -> Mesh:
     corners = [(-half, -half, height), (half, -half, height), (half, half, height), (-half, half, height)]
     return mesh(corners, quads([(0, 1, 2, 3)]))

@@ -95,10 +95,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command with ``argv``, by default the arguments of this process.
 
     Returns:
-        The exit status: 0; 1 after an error, which one line on stderr names; 2 for arguments that are wrong
-        or do not go together; 3 when some
-        inputs were skipped, each with a line on stderr, and the others done; 4 when the confidence of a pose is
-        too low; 130 when interrupted.
+        The exit status: 0; 1 after an error, which one line on stderr names; 2 for arguments that are wrong or do not
+        go together; 3 when some inputs were skipped, each with a line on stderr, and the others done; 4 when the
+        confidence of a pose is too low; 130 when interrupted.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

@@ -16,7 +16,7 @@ from .exactness import find_tolerance, identities_that_hold
 LEAST_ALIKE = 0.4  # correlation of the cells that blocks of neighbouring lines share
 CLEARLY_MORE_ALIKE = 0.1  # by which the correlation of narrower images exceeds that of the image found
 SAME = 1e-6  # difference of correlations by rounding
-MOST_SHIFT = 2 / 3  # of all places, at which the correlation of a few says little
+MOST_SHIFT = 2 / 3  # of all places; with a larger one too few are left for a correlation
 
 
 def describe_lines(array: NDArray[np.floating], candidate: Candidate) -> str:

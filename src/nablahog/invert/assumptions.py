@@ -10,9 +10,9 @@ from .candidates import Candidate
 _UNTOLD = {"opencv": ("gamma", "signed", "win_sigma", "block_stride"), "skimage": ("transform_sqrt", "channel_axis")}
 """Parameters that change all numbers, but nothing that a check looks at."""
 _CELL_NAMES = ("cell_size", "pixels_per_cell")
-_EACH_FOR_ITSELF = ("opencv", "dalal_triggs", "maskfeat")
+_LOCAL = ("opencv", "dalal_triggs", "maskfeat")
 """Presets of which all that holds is of one block or cell: it holds of several descriptors in one row as well."""
-_REVERSIBLE = (*_EACH_FOR_ITSELF, "skimage")
+_REVERSIBLE = (*_LOCAL, "skimage")
 """Presets of which all that holds, holds in reverse order as well."""
 _TWINS = {"uoctti": "vlfeat", "vlfeat": "uoctti"}
 """Presets that differ in how votes are shared, and in the order of axes in which their libraries return them."""
@@ -24,7 +24,7 @@ def describe_assumptions(candidate: Candidate, *, is_size_known: bool) -> str:
     """What no check tells of a candidate, as a clause; empty if nothing is left."""
     assumed = _parameters(candidate, is_size_known=is_size_known)
     name, in_one_row = candidate.preset, len(candidate.how.shape) == 1
-    if name in _EACH_FOR_ITSELF and in_one_row and not is_size_known:
+    if name in _LOCAL and in_one_row and not is_size_known:
         assumed.append("one image, not several in a row")
     if name in _REVERSIBLE and in_one_row:
         assumed.append("this order, not the reverse")

@@ -6,7 +6,7 @@ import sys
 import warnings
 
 _BETWEEN = ("nablahog", "torch", "sklearn", "joblib", "contextlib", "functools")
-"""Packages whose functions are between: modules, decorators and pipelines that call this one."""
+"""Packages whose lines are skipped: modules, decorators and pipelines that call this package for others."""
 
 
 def warn_caller(advice: str, category: type[Warning] = UserWarning) -> None:

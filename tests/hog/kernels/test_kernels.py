@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
 from nablahog.hog.descriptor import Backend, histograms, normalize
 from nablahog.hog.engine import REFERENCE
 from nablahog.hog.kernels.loops import NATIVE_ENGINE, find_loops, supports
+from nablahog.hog.normalizers import PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
 from ..zoo import SPECS, integers, noise, spec
@@ -80,6 +82,18 @@ def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
     assert_same(histograms, histograms_reference, integers(3, 1, 17, 14, levels=3, dtype=dtype), s)
 
 
+@specs
+def test_of_bytes_every_vote_is_the_same(name: str) -> None:
+    """Colour ties and bins of hard votes are decided alike."""
+    s, x = (
+        SPECS[name],
+        torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1)),
+    )
+    x[1] //= 32
+    plain = histograms_reference(x, s)
+    assert_close(histograms(x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
+
+
 @dtypes
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int, dtype: torch.dtype) -> None:
@@ -96,6 +110,14 @@ def test_hard_votes_on_diagonals(orientations: int, directions: str, dtype: torc
     x = integers(2, 1, 40, 40, levels=16, dtype=dtype)
     plain = histograms_reference(x, s)
     assert_close(histograms(x, s), plain, rtol=0, atol=1e-5 * float(plain.max()))
+
+
+@specs
+def test_a_batch_is_its_images(name: str) -> None:
+    s, x = SPECS[name], noise(5, 3, 24, 31, dtype=torch.float32)
+    together = hog(x, s)
+    for image, descriptor in zip(x, together, strict=True):
+        assert torch.equal(hog(image[None], s)[0], descriptor)
 
 
 def test_an_empty_batch() -> None:
@@ -122,6 +144,21 @@ def test_an_entry_exactly_at_the_clip() -> None:
     for each in (scheme, exact):
         s = spec(signed=True, bins=4, normalizer=each)
         assert_same(normalize, normalize_reference, x, s)
+
+
+@specs
+def test_any_strides(name: str) -> None:
+    """Channels last, a window of a larger image, and one turned and expanded: without a copy, or with."""
+    s, x = SPECS[name], noise(2, 3, 18, 21)
+    expected = with_derivatives(hog, x, s)
+    turned = x.transpose(2, 3).contiguous().transpose(2, 3)
+    window = torch.nn.functional.pad(x, (2, 3, 1, 4))[:, :, 1:19, 2:23]
+    for same in (x.contiguous(memory_format=torch.channels_last), turned, window):
+        assert not same.is_contiguous()
+        assert torch.equal(hog(same, s), expected[0])
+        assert_close(with_derivatives(hog, same, s)[1], expected[1], rtol=0, atol=1e-12)
+    gray = noise(1, 1, 18, 21).expand(2, 3, 18, 21)
+    assert torch.equal(hog(gray, s), hog(gray.contiguous(), s))
 
 
 def test_which_dialects_have_loops() -> None:
@@ -208,6 +245,13 @@ def test_nan_in_the_rows_of_one_thread_reaches_all() -> None:
     assert grad.isnan().all()
 
 
+def test_in_threads_of_the_callers_own() -> None:
+    s, images = SPECS["uoctti"], [noise(1, 3, 40, 40, seed=k) for k in range(8)]
+    with ThreadPoolExecutor(4) as pool:
+        for image, descriptor in zip(images, pool.map(lambda x: hog(x, s), images), strict=True):
+            assert torch.equal(descriptor, hog(image, s))
+
+
 def _in_a_fork(queue: Any) -> None:
     hog(noise(1, 3, 400, 600), SPECS["uoctti"])  # of a new size, whose tables PyTorch computes
     torch.set_num_threads(2)
@@ -231,6 +275,28 @@ def test_in_forked_workers() -> None:
     worker.join(timeout=60)
     assert worker.exitcode == 0
     assert torch.equal(descriptor, expected)
+
+
+@dataclass(frozen=True)
+class RootNorm(PerCell):
+    """One of a user's own, without a loop."""
+
+    kind: ClassVar[str] = "root"
+    fixes_contrast = True
+
+    def reach(self) -> int | None:
+        return 0
+
+    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
+        return (histograms + 1).sqrt()
+
+
+@dtypes
+def test_a_normaliser_without_a_loop_runs_as_it_is(dtype: torch.dtype) -> None:
+    s, image = spec(normalizer=RootNorm()), noise(2, 1, 20, 17, dtype=dtype).requires_grad_()
+    results = [hog(image, s, backend=backend) for backend in BACKENDS]
+    assert_close(*results, rtol=1e-5, atol=1e-6)
+    assert_close(*(torch.autograd.grad(each.sin().sum(), image)[0] for each in results), rtol=1e-4, atol=1e-4)
 
 
 @dataclass(frozen=True)

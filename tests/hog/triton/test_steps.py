@@ -7,21 +7,24 @@ from typing import Any
 
 import pytest
 import torch
+import triton
+from packaging.version import Version
 from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog.hog import HOGSpec, hog
-from nablahog.hog.descriptor import histograms
+from nablahog.hog.descriptor import Backend, histograms
 from nablahog.hog.engine import make_step
 from nablahog.hog.steps import histograms_reference
 from nablahog.hog.triton import steps
 
 from ...golden import PEERS, Case, cases
-from ..kernels.test_kernels import assert_same as assert_same_steps
-from ..kernels.test_kernels import channels
-from ..zoo import SPECS, integers, noise, spec
+from ..zoo import PRESETS, SPECS, integers, noise, spec
 from .conftest import DEVICE
 
+DTYPES = [torch.float32, torch.float64]
+# reciprocal roots of a GPU are not the nearest numbers; the interpreter of Triton 3.8 rounds a · b in a · b + c
+SINGLE = 1e-6 if DEVICE.type == "cpu" and Version(triton.__version__) >= Version("3.9") else 2e-6
 # one of each rule that votes, borders and kinks are decided by
 KINKS = [
     "replicate",
@@ -40,25 +43,33 @@ def waves(like: Tensor, last: float) -> Tensor:
     return torch.linspace(0, last, like.numel(), dtype=torch.float64).cos().view(like.shape).to(like)
 
 
-def computed(x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor]:
+def computed(x: Tensor, s: HOGSpec, backend: Backend = "triton") -> tuple[Tensor, Tensor]:
     """Cells (B, rows, cols, colours · bins) and their vjp."""
-    x = x.detach().to(DEVICE).requires_grad_()
-    result = histograms(x, s, backend="triton").permute(0, 2, 3, 1)
+    x = x.detach().to(DEVICE if backend == "triton" else "cpu").requires_grad_()
+    result = histograms(x, s, backend=backend).permute(0, 2, 3, 1)
     return result.detach().cpu(), torch.autograd.grad(result, x, waves(result, 40))[0].cpu()
 
 
-def cells(x: Tensor, s: HOGSpec) -> Tensor:
-    return histograms(x.to(DEVICE), s, backend="triton").to(x.device)
-
-
 def assert_same(x: Tensor, s: HOGSpec) -> None:
-    """Cells, vjp and jvp as those of the reference."""
-    assert_same_steps(cells, histograms_reference, x, s)
+    """As the reference in float64, or in float32 if the angle is VLFeat's, relative to the largest entry."""
+    of_float = s.angle == "vlfeat"  # an arccosine of a float32 whatever the image
+    tolerance = SINGLE if x.dtype == torch.float32 or of_float else 1e-11
+    for got, of_reference in zip(computed(x, s), computed(x if of_float else x.double(), s, "torch"), strict=True):
+        assert got.shape == of_reference.shape
+        assert got.dtype == x.dtype
+        of_reference = of_reference.to(x.dtype)
+        size = float(of_reference.abs().max()) or 1.0
+        assert_close(got / size, of_reference / size, rtol=0, atol=tolerance)
+
+
+def channels(s: HOGSpec) -> int:
+    """Of images that show what is special about the dialect."""
+    return 1 if s.colour == "gray" and s != SPECS["paper"] else 3
 
 
 @pytest.mark.parametrize(
     ("name", "dtype"),
-    [*((name, torch.float64) for name in SPECS), *((name, torch.float32) for name in KINKS)],
+    [*((name, torch.float64) for name in SPECS), *((name, torch.float32) for name in PRESETS)],
     ids=lambda x: str(x).removeprefix("torch."),
 )
 def test_cells_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
@@ -73,11 +84,11 @@ def test_on_kinks_too(name: str) -> None:
 
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int) -> None:
-    """The reference finds them in float64 only, and so does the jvp, which is the reference's."""
-    s, x = spec(signed=True, bins=bins, bin_offset=0.0), integers(1, 1, 12, 12, levels=2)
-    assert_same(x, s)
-    for single, exact in zip(computed(x.float(), s), computed(x, s), strict=True):
-        assert_close(single.double(), exact, rtol=0, atol=2e-6 * float(exact.abs().max()))
+    """The reference finds them in float64 only."""
+    s = spec(signed=True, bins=bins, bin_offset=0.0)
+    for dtype in DTYPES:
+        x = integers(1, 1, 12, 12, levels=2, dtype=dtype)
+        assert_same(x, s)
 
 
 @pytest.mark.parametrize(
@@ -116,9 +127,10 @@ def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
         assert_close(grad, grad_wide.to(dtype))
 
 
-def test_any_strides() -> None:
+@pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
+def test_any_strides(name: str) -> None:
     """Channels last, a window of a larger image, one turned, and one expanded: without a copy."""
-    s, x = SPECS["uoctti"], noise(1, 3, 9, 10).to(DEVICE)
+    s, x = SPECS[name], noise(1, 3, 9, 10).to(DEVICE)
     turned = x.transpose(2, 3).contiguous().transpose(2, 3)
     window = torch.nn.functional.pad(x, (2, 3, 1, 4))[:, :, 1:10, 2:12]
     plain = hog(x, s, backend="triton")

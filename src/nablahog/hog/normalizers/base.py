@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 SAME = 1e-4  # relative difference of entries that may be one number, the clip
-ROUNDED_ROW = 8  # part of the tolerance of sums, by which rounding moves a histogram
+ROUNDED_ROW = 8  # the tolerance of sums, divided by it, is how far rounding moves a histogram
 
 
 class Footprint(NamedTuple):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 LEAST_VOTES = 2.0  # times ε: the length of a block that is not flat
 CLIPPED_SHARE = 0.1  # of blocks, from which on clipped entries say something: a few look clipped by chance
-SHORTFALL = 0.2  # of how much shorter than 1 blocks are, is uncertain by rounding to float32
+SHORTFALL = 0.2  # relative error, by rounding to float32, of how much shorter than 1 blocks are
 
 BlockForm: TypeAlias = Literal["L1", "L1-sqrt", "L2", "L2-Hys"]
 
