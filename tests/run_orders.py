@@ -3,7 +3,7 @@
     python -m tests.run_orders [tests/viz tests/io ...]
 
 A test that passes in its file but not alone, or in a wide terminal but not in a narrow one, is a fault of the test, and
-some day one of the package.  As a plugin of pytest this module shuffles tests and stores their outcomes.
+some day one of the package.  As a plugin of pytest this module shuffles tests.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SEED, OUTCOMES = "NABLAHOG_TEST_ORDER", "NABLAHOG_TEST_OUTCOMES"  # environment variables of the plugin
+SEED = "NABLAHOG_TEST_ORDER"  # an environment variable of the plugin
 SURROUNDINGS: dict[str, tuple[list[str], dict[str, str]]] = {
     "as they stand": ([], {}),
     "random order": ([], {SEED: "68"}),
@@ -41,31 +42,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         random.Random(os.environ[SEED]).shuffle(items)
 
 
-def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    if (report.when == "call" or report.outcome != "passed") and "PYTEST_XDIST_WORKER" not in os.environ:
-        with open(os.environ[OUTCOMES], "a") as file:
-            print(report.nodeid, report.outcome, sep="\t", file=file)
-
-
-def pytest_collectreport(report: pytest.CollectReport) -> None:
-    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
-        with open(os.environ[OUTCOMES], "a") as file:
-            print(report.nodeid, "not collected", sep="\t", file=file)
-
-
 def run_tests(
     tests: Sequence[str], arguments: Sequence[str], variables: dict[str, str], folder: Path
 ) -> dict[str, str]:
     """Returns the outcome of each test, in processes that start in a folder."""
     with tempfile.TemporaryDirectory() as temporary:
-        path = Path(temporary, "outcomes.tsv")
-        path.touch()
+        path = Path(temporary, "outcomes.xml")
         fixed = ["-q", "-p", "no:cacheprovider", "-p", "tests.run_orders", "-c", str(ROOT / "pyproject.toml")]
-        paths = f"{ROOT / 'src'}{os.pathsep}{ROOT}"
-        environment = {**os.environ, "PYTHONPATH": paths, OUTCOMES: str(path), **variables}
-        command = [sys.executable, "-m", "pytest", *fixed, *arguments, *(str(ROOT / test) for test in tests)]
+        environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}", **variables}
+        files = (str(ROOT / test) for test in tests)
+        command = [sys.executable, "-m", "pytest", *fixed, f"--junitxml={path}", *arguments, *files]
         subprocess.run(command, cwd=folder, env=environment, capture_output=True)
-        return dict(line.rsplit("\t", 1) for line in path.read_text().splitlines())
+        return {
+            f"{case.get('classname')}::{case.get('name')}": case[0].tag if len(case) else "passed"
+            for case in (ElementTree.parse(path).iter("testcase") if path.exists() else [])
+        }
 
 
 def list_files(tests: Sequence[str]) -> list[str]:
@@ -105,9 +96,7 @@ def main() -> int:
         results = {name: of_run.get(test, "not run") for name, of_run in outcomes.items()}
         if set(results.values()) not in ({"passed"}, {"skipped"}):
             faults += 1
-            print(
-                test, *(f"    {result:13} {name}" for name, result in results.items() if result != "passed"), sep="\n"
-            )
+            print(test, *(f"    {result:13} {name}" for name, result in results.items()), sep="\n")
     print(f"{faults} tests differ or fail" if faults else "all equal")
     return int(bool(faults))
 

@@ -16,26 +16,20 @@ from nablahog import estimate_pose, hog, load_descriptor, reconstruct, save_desc
 
 from .boundary.columns.plain import BOX, DESCRIPTOR, IMAGE, MESH, SIZE, SMALL
 
-READERS = (load_descriptor, nablahog.load_mesh, nablahog.LearnedPrior.load)
 
-
-@pytest.mark.parametrize("read", READERS)
-@pytest.mark.parametrize("path", [None, 3, io.BytesIO(b"x")])
-def test_what_is_no_path_is_not_read(read: Any, path: Any) -> None:
-    with pytest.raises(TypeError, match="must be a path"):
-        read(path)
-
-
-@pytest.mark.parametrize("path", [None, 3, io.StringIO()])
-def test_what_is_no_path_is_not_written(path: Any) -> None:
-    with pytest.raises(TypeError, match="a path or a binary stream"):
-        save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)
-
-
-def test_paths_may_be_bytes(tmp_path: Path) -> None:
-    path = os.fsencode(tmp_path / "d.npz")
-    save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)  # type: ignore[arg-type]
-    assert torch.equal(load_descriptor(path).descriptor, DESCRIPTOR[0])  # type: ignore[arg-type]
+def test_paths(tmp_path: Path) -> None:
+    """They may be bytes."""
+    path: Any = os.fsencode(tmp_path / "d.npz")
+    save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)
+    assert torch.equal(load_descriptor(path).descriptor, DESCRIPTOR[0])
+    none: list[Any] = [None, 3]
+    for path in (*none, io.BytesIO(b"x")):
+        for read in (load_descriptor, nablahog.load_mesh, nablahog.LearnedPrior.load):
+            with pytest.raises(TypeError, match="must be a path"):
+                read(path)
+    for path in (*none, io.StringIO()):
+        with pytest.raises(TypeError, match="a path or a binary stream"):
+            save_descriptor(path, DESCRIPTOR[0], "uoctti", SIZE)
 
 
 def test_callbacks_are_functions() -> None:
@@ -60,22 +54,25 @@ def test_images_of_a_search_are_in_0_to_1() -> None:
         assert caught[0].filename == __file__
 
 
-def test_names_of_images_are_texts() -> None:
-    with pytest.raises(TypeError, match="str"):
-        train_prior({0: IMAGE, "a": IMAGE}, "uoctti", epochs=1)  # type: ignore[dict-item]
+def test_images_to_learn_from_have_names_that_are_texts() -> None:
+    images: list[Any] = [{0: IMAGE, "a": IMAGE}, [IMAGE]]
+    for some, says in zip(images, ("str", "images must be a dict of images by name, got list: write "), strict=True):
+        with pytest.raises(TypeError, match=says):
+            train_prior(some, "uoctti", epochs=1)
 
 
 def test_which_hog_takes_what_other_functions_take() -> None:
     vector = hog(IMAGE, "skimage", layout="native")
     found = which_hog(vector, IMAGE.shape)
-    for same in (torch.from_numpy(vector), vector.tolist(), vector.astype(object)):
+    for same in (torch.from_numpy(vector), vector.tolist(), vector.astype(object), vector[::-1].copy()[::-1]):
         assert which_hog(same, IMAGE.shape) == found  # type: ignore[arg-type]
-    for wrong in (None, "d.npz", vector + 0j):
-        with pytest.raises(TypeError, match="real numbers"):
-            which_hog(wrong)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="masked"):
-        which_hog(np.ma.masked_array(vector, vector > 0.1))
-    with pytest.raises(ValueError, match="one number"):
-        which_hog(np.float32(3))  # type: ignore[arg-type]
+    wrong: list[tuple[Any, str]] = [
+        *((value, "real numbers") for value in (None, "d.npz", vector + 0j)),
+        (np.ma.masked_array(vector, vector > 0.1), "masked"),
+        (np.float32(3), "one number"),
+    ]
+    for value, says in wrong:
+        with pytest.raises((TypeError, ValueError), match=says):
+            which_hog(value)
     with pytest.raises(TypeError, match="must be a dict"):
         which_hog(vector, dialects=["skimage"])  # type: ignore[arg-type]

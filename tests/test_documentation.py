@@ -16,18 +16,13 @@ from nablahog.runtime.extras import INSTALL_COMMANDS, PACKAGES
 ROOT = Path(__file__).parents[1]
 PAGES = [
     page
-    for page in (
-        *ROOT.glob("*.md"),
-        *(ROOT / "docs").rglob("*.md"),
-        *(ROOT / "src").rglob("*.md"),
-        *ROOT.glob("*/*.md"),
-    )
+    for page in {*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("src/**/*.md")}
     if not any(part.startswith("auto_") or part == "generated" for part in page.parts)
 ]
 MADE = ("auto_gallery/", "auto_tutorials/")  # by make docs
 
 
-@pytest.mark.parametrize("page", sorted(set(PAGES)), ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", sorted(PAGES), ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_of_markdown(page: Path) -> None:
     text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]

@@ -6,7 +6,6 @@ Building the pages runs all of them, too; `pytest -m slow` runs the longest.
 from __future__ import annotations
 
 import ast
-import re
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,13 +52,6 @@ def test_it_shows_something(name: str, pyplot: ModuleType) -> None:
         figure.canvas.draw()
         assert np.ptp(np.asarray(figure.canvas.buffer_rgba())[..., :3]) > 100
         assert figure.axes
-
-
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_it_begins_with_a_title_and_has_cells(name: str) -> None:
-    text = SCRIPTS[name].read_text(encoding="utf-8")
-    assert re.match(r'"""\n?.+\n=+\n\n.+', text)
-    assert "\n# %%\n" in text
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

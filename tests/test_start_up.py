@@ -22,15 +22,32 @@ STUBS = sorted(Path(nablahog.__file__).parent.rglob("__init__.pyi"))
 LAZY = [".".join(stub.parent.relative_to(Path(nablahog.__file__).parents[1]).parts) for stub in STUBS]
 
 
-def run(program: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+FORKS = """
+import os, sys, torch
+for program in sys.argv[1:]:
+    if not os.fork():
+        exec(program, {})
+        sys.stdout.flush()
+        os._exit(0)
+    assert os.wait()[1] == 0, program"""
+
+
+def show(program: str, *arguments: str) -> str:
+    """What a fresh process prints."""
+    ended = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def show_each(*programs: str) -> list[str]:
+    """The lines that programs print, each in a process that has loaded PyTorch, and nothing of the package."""
+    return show(FORKS, *programs).splitlines()
 
 
 def loaded_by(program: str) -> set[str]:
     """Which of HEAVY a fresh process has loaded at the end of the program."""
-    ended = run(f"{program}\nimport sys\nprint('loaded', *(name for name in {HEAVY} if name in sys.modules))")
-    assert ended.returncode == 0, ended.stderr
-    return set(ended.stdout.splitlines()[-1].split()[1:])
+    shown = show(f"{program}\nimport sys\nprint('loaded', *(name for name in {HEAVY} if name in sys.modules))")
+    return set(shown.splitlines()[-1].split()[1:])
 
 
 @pytest.mark.parametrize(("before", "after"), [(None, "passive"), ("active", "active")])
@@ -41,7 +58,7 @@ def test_threads_of_the_command_sleep_while_they_wait(
     if before:
         monkeypatch.setenv("OMP_WAIT_POLICY", before)
     program = "import os, sys; from nablahog.__main__ import main; sys.argv = ['nablahog', '--version']; main()"
-    assert run(f"{program}; print(os.environ['OMP_WAIT_POLICY'])").stdout.splitlines()[-1] == after
+    assert show(f"{program}; print(os.environ['OMP_WAIT_POLICY'])").splitlines()[-1] == after
 
 
 def test_importing_is_light() -> None:
@@ -87,14 +104,15 @@ for argv in {wrong}: assert main(argv) == 2, argv"""
     assert loaded_by(program) == set()
 
 
-@pytest.mark.parametrize("name", LAZY)
-def test_every_name_is_there(name: str) -> None:
-    """In a fresh process, where nothing has loaded the modules, each by itself."""
-    package = import_module(name)
-    assert dir(package) == package.__all__
-    program = f"import sys, {name}\nfor n in {package.__all__}: getattr(sys.modules['{name}'], n)\n"
-    ended = run(f"{program}from {name} import *\nassert set({package.__all__}) <= set(globals())")
-    assert ended.returncode == 0, ended.stderr
+def test_every_name_is_there() -> None:
+    """In fresh processes, where nothing has loaded the modules, each by itself."""
+    programs = []
+    for name in LAZY:
+        package = import_module(name)
+        assert dir(package) == package.__all__
+        program = f"import sys, {name}\nfor n in {package.__all__}: getattr(sys.modules['{name}'], n)\n"
+        programs.append(f"{program}from {name} import *\nassert set({package.__all__}) <= set(globals())")
+    assert show_each(*programs) == []
 
 
 @pytest.mark.parametrize("name", ["metrics", "compat.opencv", "compat.skimage", "compat.sklearn"])
@@ -103,14 +121,13 @@ def test_tab_completion_shows_public_names_alone(name: str) -> None:
     assert shown == {*members(import_module(f"nablahog.{name}"))}
 
 
-@pytest.mark.parametrize(
-    ("wrong", "right"),
-    [("presets.uoctty", "uoctti"), ("HOGspec", "HOGSpec"), ("metrics.cross_corelation", "cross_correlation")],
-)
-def test_a_wrong_name_is_told_the_nearest(wrong: str, right: str) -> None:
+def test_a_wrong_name_is_told_the_nearest() -> None:
     """By Python itself, which asks ``dir()``."""
-    ended = run(f"import nablahog\nnablahog.{wrong}")
-    assert f"Did you mean: '{right}'?" in ended.stderr.splitlines()[-1]
+    names = {"presets.uoctty": "uoctti", "HOGspec": "HOGSpec", "metrics.cross_corelation": "cross_correlation"}
+    report = "except AttributeError: sys.stderr = sys.stdout; sys.__excepthook__(*sys.exc_info())"
+    shown = show_each(*(f"import nablahog, sys\ntry: nablahog.{wrong}\n{report}" for wrong in names))
+    told = [line.split("Did you mean: ")[1] for line in shown if line.startswith("AttributeError")]
+    assert told == [f"'{right}'?" for right in names.values()]
 
 
 def test_a_wrong_preset_is_told_the_nearest() -> None:
@@ -118,41 +135,28 @@ def test_a_wrong_preset_is_told_the_nearest() -> None:
         HOG("UoCTTI")
 
 
-def show(program: str) -> str:
-    ended = run(program)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
-
-
-@pytest.mark.parametrize("name", ["hog", "render"])
-@pytest.mark.parametrize(
-    "program",
-    [
+def test_functions_win_over_packages_of_their_names_and_modules_are_reached_all_the_same() -> None:
+    ways = (
         "from nablahog import NAME; import nablahog.NAME",
         "import nablahog.hog.descriptor, nablahog.render.camera, nablahog",
         "import nablahog; nablahog.NAME; import nablahog.NAME",
-    ],
-)
-def test_the_function_wins_over_the_package_of_its_name(program: str, name: str) -> None:
-    program = f"{program}\nprint(type(nablahog.NAME))".replace("NAME", name)
-    assert show(program) == "<class 'function'>\n"
-
-
-@pytest.mark.parametrize(
-    ("program", "name"),
-    [
-        ("import nablahog.hog.kernels as module", "hog.kernels"),
-        ("import nablahog; nablahog.hog; import nablahog.hog.kernels; module = nablahog.hog.kernels", "hog.kernels"),
-        ("import nablahog.render.camera as module", "render.camera"),
-    ],
-)
-def test_its_modules_are_reached_all_the_same(program: str, name: str) -> None:
-    shown = show(f"{program}\nimport nablahog\nprint(type(nablahog.hog), type(nablahog.render), module.__name__)")
-    assert shown == f"<class 'function'> <class 'function'> nablahog.{name}\n"
-
-
-def test_modules_can_be_reached_without_being_imported() -> None:
-    assert show("import nablahog\nprint(nablahog.invert.choices.QualityName.__name__)") == "Literal\n"
+    )
+    programs = [
+        f"{way}\nprint(type(nablahog.NAME))".replace("NAME", name) for way in ways for name in ("hog", "render")
+    ]
+    assert show_each(*programs) == ["<class 'function'>"] * 6
+    modules = (
+        "import nablahog.hog.kernels as module",
+        "import nablahog; nablahog.hog; import nablahog.hog.kernels; module = nablahog.hog.kernels",
+        "import nablahog.render.camera as module",
+    )
+    names = "module.__name__, type(nablahog.hog).__name__, type(nablahog.render).__name__"
+    assert show_each(
+        *(f"{program}\nimport nablahog\nprint({names})" for program in modules),
+        "import nablahog\nprint(nablahog.invert.choices.QualityName.__name__)",
+    ) == [f"nablahog.{name} function function" for name in ("hog.kernels", "hog.kernels", "render.camera")] + [
+        "Literal"
+    ]
 
 
 def test_names_are_read_from_a_zip_file(tmp_path: Path) -> None:

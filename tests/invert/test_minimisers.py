@@ -125,7 +125,7 @@ def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
     assert alone.evaluations[0] == result.evaluations[0]
 
 
-@pytest.mark.parametrize("minimiser", MINIMISERS)
+@every_minimiser
 def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> None:
     descriptor, few = hog(photograph(48), SPEC), Search(minimiser, max_evaluations=60)
 
@@ -186,16 +186,8 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
         return Minimum(run.vectors.x, run.state.values, run.running.evaluations, reason, run.state.values.unsqueeze(0))
 
     monkeypatch.setitem(search.MINIMISERS, "lbfgs", minimise)
-    made = PreimageSearch(
-        descriptor.to("meta"),
-        UOCTTI,
-        (32, 32),
-        [RelativeSmoothness(0.02), GrayRange(10.0)],
-        "lbfgs",
-        100,
-        lambda done, most: reports.append(done),
-        seen.append,
-    )
+    terms, report = [RelativeSmoothness(0.02), GrayRange(10.0)], lambda done, most: reports.append(done)
+    made = PreimageSearch(descriptor.to("meta"), UOCTTI, (32, 32), terms, "lbfgs", 100, report, seen.append)
     start = torch.rand(2, 2, 1, 32, 32, device="meta")
     images = made.match(start, votes.to("meta"), 25, start.mean(dim=1), 0.3)
     assert images.shape == start.shape
@@ -205,8 +197,8 @@ def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.parametrize("learned", [False, True], ids=["no prior", "prior"])
 def test_batches_are_split_by_the_memory_that_is_free(learned: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    prior = default_prior(SPEC) if learned else None
-    together = reconstruct(DESCRIPTORS, SPEC, search=Search(max_evaluations=4), prior=prior)
+    options: dict[str, Any] = {"search": Search(max_evaluations=4), "prior": default_prior(SPEC) if learned else None}
+    together = reconstruct(DESCRIPTORS, SPEC, **options)
     asked: list[float] = []
 
     def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
@@ -217,14 +209,8 @@ def test_batches_are_split_by_the_memory_that_is_free(learned: bool, monkeypatch
     monkeypatch.setattr(search, "memory_for", memory_for)
     parts: list[slice] = []
     calls: list[tuple[int, int]] = []
-    apart = reconstruct(
-        DESCRIPTORS,
-        SPEC,
-        search=Search(max_evaluations=4),
-        watch=lambda now: parts.append(now.descriptors),
-        progress=lambda *call: calls.append(call),
-        prior=prior,
-    )
+    options |= {"watch": lambda now: parts.append(now.descriptors), "progress": lambda *call: calls.append(call)}
+    apart = reconstruct(DESCRIPTORS, SPEC, **options)
     assert {(part.start, part.stop) for part in parts} == {(0, 1), (1, 2), (2, 3)}
     for name in ("image", "distance", "history"):
         error = 1e-5 if learned else 1e-12  # the network is in float32

@@ -22,6 +22,8 @@ from .photographs import photograph
 
 SPECS = {"uoctti": presets.uoctti(8), "paper": presets.paper(8)}
 PRIORS: tuple[Prior, ...] = (RelativeSmoothness(0.02), GrayRange(0.5))
+POINTS = torch.randn(2, 32 * 32, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+INDEX = torch.tensor([1, 0])  # each image's point is that of the other
 both_specs = pytest.mark.parametrize("name", SPECS)
 
 
@@ -46,20 +48,15 @@ def objective(name: str, on_votes: bool, closeness: float | None = None) -> Prei
     return PreimageObjective(descriptor, votes, spec, basis, flat, PRIORS, **belief)
 
 
-def points(rows: int) -> Tensor:
-    return torch.randn(rows, 32 * 32, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-
-
 @both_specs
 @pytest.mark.parametrize("on_votes", [True, False])
 @pytest.mark.parametrize("closeness", [None, 0.0, 0.7])
 def test_the_value_is_the_sum_of_the_squares(name: str, on_votes: bool, closeness: float | None) -> None:
     problem = objective(name, on_votes, closeness)
     assert isinstance(problem, LeastSquares)
-    index = torch.tensor([1, 0])
-    value, gradient = problem(points(2), index)
-    x = points(2).requires_grad_()
-    residuals = problem.residuals(x, index)
+    value, gradient = problem(POINTS, INDEX)
+    x = POINTS.clone().requires_grad_()
+    residuals = problem.residuals(x, INDEX)
     torch.testing.assert_close(residuals.square().sum(1), value)
     torch.testing.assert_close(torch.autograd.grad(residuals, x, 2 * residuals)[0], gradient)
 
@@ -84,81 +81,61 @@ def test_gradients_are_central_differences(name: str, on_votes: bool) -> None:
     small = dataclasses.replace(SPECS[name], cell_size=(4, 4))
     images = torch.cat([photograph(8), photograph(8, "coins")]).double()
     descriptor = hog(images, small)
-    problem = PreimageObjective(
-        descriptor,
-        recover_histograms(descriptor, small) if on_votes else None,
-        small,
-        CosineBasis(8, 8, descriptor),
-        FlatRegions(descriptor, small, 8, 8),
-        (*PRIORS, GrayRange(10.0)),
-        images.flip(0),
-        0.7,
-    )
+    votes = recover_histograms(descriptor, small) if on_votes else None
+    parts = CosineBasis(8, 8, descriptor), FlatRegions(descriptor, small, 8, 8), (*PRIORS, GrayRange(10.0))
+    problem = PreimageObjective(descriptor, votes, small, *parts, images.flip(0), 0.7)
     at = problem.basis.unknowns(1.5 * torch.rand_like(images)).requires_grad_()
-    assert torch.autograd.gradcheck(
-        lambda x: Value.apply(x, problem, torch.tensor([1, 0])), at, eps=1e-7, atol=1e-5, fast_mode=True
-    )
+    assert torch.autograd.gradcheck(lambda x: Value.apply(x, problem, INDEX), at, eps=1e-7, atol=1e-5, fast_mode=True)
 
 
 @both_specs
 def test_closeness_adds_the_share_of_what_is_expected(name: str) -> None:
-    index = torch.tensor([1, 0])
     without, with_ = objective(name, False), objective(name, False, 0.7)
     assert with_.expected is not None
-    expected = with_.expected[index] - with_.expected[index].mean(dim=(2, 3), keepdim=True)
-    image = with_.image(points(2), index)
+    expected = with_.expected[INDEX] - with_.expected[INDEX].mean(dim=(2, 3), keepdim=True)
+    image = with_.image(POINTS, INDEX)
     away = image - image.mean(dim=(2, 3), keepdim=True) - expected
     share = 0.7 * away.square().sum(dim=(1, 2, 3)) / expected.square().sum(dim=(1, 2, 3))
-    torch.testing.assert_close(with_(points(2), index)[0] - without(points(2), index)[0], share)
-    assert torch.equal(objective(name, False, 0.0)(points(2), index)[0], without(points(2), index)[0])
+    torch.testing.assert_close(with_(POINTS, INDEX)[0] - without(POINTS, INDEX)[0], share)
+    assert torch.equal(objective(name, False, 0.0)(POINTS, INDEX)[0], without(POINTS, INDEX)[0])
 
 
 def test_nothing_is_expected_of_a_constant_image() -> None:
     problem = objective("paper", True)
-    made = PreimageObjective(
-        problem.descriptor.permute(0, 2, 3, 1),
-        problem.histograms,
-        problem.spec,
-        problem.basis,
-        problem.flat,
-        problem.priors,
-        torch.full((2, 1, 32, 32), 0.3).double(),
-        0.7,
-    )
-    index = torch.tensor([0, 1])
-    torch.testing.assert_close(made(points(2), index), problem(points(2), index))
+    given = problem.descriptor.permute(0, 2, 3, 1), problem.histograms, problem.spec
+    parts = problem.basis, problem.flat, problem.priors
+    made = PreimageObjective(*given, *parts, torch.full((2, 1, 32, 32), 0.3).double(), 0.7)
+    torch.testing.assert_close(made(POINTS, INDEX), problem(POINTS, INDEX))
 
 
 @both_specs
 @pytest.mark.parametrize("on_votes", [True, False])
 def test_the_reported_distance_is_the_descriptors_whatever_is_compared(name: str, on_votes: bool) -> None:
     problem = objective(name, on_votes, 0.7)
-    index = torch.tensor([1, 0])
-    problem(points(2), index)
-    own = hog(problem.image(points(2), index), problem.spec)
-    descriptor = problem.descriptor.permute(0, 2, 3, 1)[index]
-    torch.testing.assert_close(
-        problem.distance[index], (own - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
-    )
+    problem(POINTS, INDEX)
+    own = hog(problem.image(POINTS, INDEX), problem.spec)
+    descriptor = problem.descriptor.permute(0, 2, 3, 1)[INDEX]
+    expected = (own - descriptor).flatten(1).norm(dim=1) / descriptor.flatten(1).norm(dim=1)
+    torch.testing.assert_close(problem.distance[INDEX], expected)
 
 
 @both_specs
 def test_linearisation_is_the_jacobian_at_kinks_too(name: str) -> None:
     # 8-bit levels: flat regions, gradients on bin centres
-    problem, index = objective(name, False), torch.tensor([1, 0])
-    x, v = problem.basis.unknowns(torch.cat([photograph(32, "coins"), photograph(32)]).double()), points(2)
-    model = GraphJacobian(problem, x, index)
-    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, index), (x,), (v,))
+    problem = objective(name, False)
+    x, v = problem.basis.unknowns(torch.cat([photograph(32, "coins"), photograph(32)]).double()), POINTS
+    model = GraphJacobian(problem, x, INDEX)
+    residuals, image = torch.func.jvp(lambda p: problem.residuals(p, INDEX), (x,), (v,))
     torch.testing.assert_close(model.jvp(v), image)
-    _, pull = torch.func.vjp(lambda p: problem.residuals(p, index), x)
+    _, pull = torch.func.vjp(lambda p: problem.residuals(p, INDEX), x)
     torch.testing.assert_close(model.vjp(residuals), pull(residuals)[0])
     assert torch.isfinite(image).all()
 
 
 @both_specs
 def test_residuals_are_evaluated_in_pieces(name: str) -> None:
-    problem, index = objective(name, False, 0.7), torch.tensor([1, 0])
-    whole, together = problem.residuals(points(2), index), problem(points(2), index)
+    problem = objective(name, False, 0.7)
+    whole, together = problem.residuals(POINTS, INDEX), problem(POINTS, INDEX)
     problem.histograms_at_once = 1
-    torch.testing.assert_close(problem.residuals(points(2), index), whole)
-    torch.testing.assert_close(problem(points(2), index), together)
+    torch.testing.assert_close(problem.residuals(POINTS, INDEX), whole)
+    torch.testing.assert_close(problem(POINTS, INDEX), together)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from nablahog import hog, reconstruct
 from nablahog.invert import default_prior, reconstruct_samples
@@ -20,27 +22,36 @@ from .prior_dialects import FEW, PAPER, UOCTTI
 
 
 def test_what_does_not_fit() -> None:
-    prior, descriptor = tiny_models.prior(PAPER), hog(photograph(64), PAPER)
-    of_signed = hog(photograph(64), UOCTTI)
-    with pytest.raises(ValueError, match=r"prior is for unsigned descriptors, .* uoctti descriptor is signed"):
-        prior.expected(of_signed, UOCTTI, (64, 64))
-    with pytest.raises(ValueError, match="expected images and a prior contradict each other"):
-        reconstruct(descriptor, PAPER, prior=prior, expected=photograph(64))
-    with pytest.raises(ValueError, match="must have shape"):
-        prior.polarity_confidence(photograph(32), descriptor, PAPER)
-    for several in ([], [default_prior("paper")], [default_prior("uoctti")] * 2):
-        with pytest.raises(ValueError, match="expected one prior for signed descriptors, and at most one for others"):
-            reconstruct(of_signed, UOCTTI, prior=several, search=FEW)
-    wrong: list[Any] = ["best", [None]]
-    for none in wrong:
-        with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
-            reconstruct(descriptor, PAPER, prior=none, search=FEW)
-    with pytest.raises(ValueError, match="count must be an integer"):
-        reconstruct_samples(descriptor, PAPER, count=1)
-    with pytest.raises(TypeError, match="prior must be a LearnedPrior"):
-        reconstruct_samples(descriptor, PAPER, prior=None)
-    with pytest.raises(ValueError, match="need a prior for unsigned descriptors"):
-        reconstruct_samples(of_signed, UOCTTI)
+    prior, image = tiny_models.prior(PAPER), photograph(64)
+    descriptor, of_signed = hog(image, PAPER), hog(image, UOCTTI)
+    wrong: list[tuple[Callable[[], object], str]] = [
+        (lambda: prior.expected(of_signed, UOCTTI, (64, 64)), "is for unsigned descriptors, .* uoctti descriptor is"),
+        (lambda: reconstruct(descriptor, PAPER, prior=prior, expected=image), "and a prior contradict each other"),
+        (lambda: prior.polarity_confidence(photograph(32), descriptor, PAPER), "must have shape"),
+        *(
+            (lambda several=several: reconstruct(of_signed, UOCTTI, prior=several, search=FEW), "expected one prior")
+            for several in ([], [default_prior("paper")], [default_prior("uoctti")] * 2)
+        ),
+        (lambda: reconstruct_samples(descriptor, PAPER, count=1), "count must be an integer"),
+        (lambda: reconstruct_samples(of_signed, UOCTTI), "need a prior for unsigned descriptors"),
+        (lambda: prior.expected(descriptor, PAPER, (64, 64), torch.zeros(2, 9, 8, 8)), "must"),  # of another batch
+        (lambda: prior.polarity_confidence(image.repeat(2, 1, 1, 1), descriptor, PAPER), "must"),
+    ]
+    for call, says in wrong:
+        with pytest.raises(ValueError, match=says):
+            call()
+    unfit: list[Callable[[], object]] = [
+        *(lambda prior=prior: reconstruct(descriptor, PAPER, prior=prior, search=FEW) for prior in ("best", [None])),
+        lambda: reconstruct_samples(descriptor, PAPER, prior=None),
+        lambda: prior.expected(descriptor.to_sparse(), PAPER, (64, 64)),
+        lambda: prior.expected(descriptor, PAPER, 64),  # type: ignore[arg-type]
+        lambda: prior.samples(descriptor, PAPER, (64, 64), 2.5),  # type: ignore[arg-type]
+        lambda: prior.samples(descriptor, PAPER, (64, 64), 2, seed="a"),  # type: ignore[arg-type]
+        lambda: reconstruct(descriptor, PAPER, search="fast"),  # type: ignore[arg-type]
+    ]
+    for call in unfit:
+        with pytest.raises((TypeError, ValueError), match="must"):
+            call()
 
 
 COUNT = len(tiny_models.prior().weights)
@@ -65,21 +76,19 @@ def test_files_that_contradict_themselves_are_refused(tmp_path: Path, changed: d
     check_refused(tiny_models.prior(), tmp_path / "p.npz", changed, says)
 
 
-@pytest.mark.parametrize(
-    "numbers",
-    [
+def test_calibrations_other_than_four_numbers_in_range_are_refused() -> None:
+    learning, rest = tiny_models.prior(PAPER).learning, (1.0, 0.0, 1.0)
+    wrong: list[Any] = [
         (1.0,),
         (1.0, 1.1, 0.0, 1.0),
-        (-1.0, 1.0, 0.0, 1.0),
         (1.0, 1.0, np.nan, 1.0),
-        ("1", 1.0, 0.0, 1.0),
-        (True, 1.0, 0.0, 1.0),
-    ],
-)
-def test_calibrations_other_than_four_numbers_in_range_are_refused(numbers: tuple[Any, ...]) -> None:
-    prior = tiny_models.prior(PAPER)
-    with pytest.raises(ValueError, match="calibration must be"):
-        replace(prior, learning=replace(prior.learning, calibration=numbers))
+        (-1.0, *rest),
+        ("1", *rest),
+        (True, *rest),
+    ]
+    for numbers in wrong:
+        with pytest.raises(ValueError, match="calibration must be"):
+            replace(tiny_models.prior(PAPER), learning=replace(learning, calibration=numbers))
 
 
 def test_a_package_without_its_priors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

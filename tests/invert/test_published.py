@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,12 +32,8 @@ def photographs(count: int, side: int) -> Tensor:
 def problem(spec: HOGSpec, xi: float = 0.5) -> tuple[PublishedObjective, Tensor, Tensor]:
     """The objective of two random images, points, and their indices, in reverse order."""
     images = torch.rand(2, 1, *SIZE, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    spec = spec.with_linear_votes()
-    return (
-        PublishedObjective(hog(images, spec), spec, SIZE, xi),
-        0.2 * random(2, math.prod(SIZE)),
-        torch.tensor([1, 0]),
-    )
+    objective = PublishedObjective(hog(images, spec.with_linear_votes()), spec.with_linear_votes(), SIZE, xi)
+    return objective, 0.2 * random(2, math.prod(SIZE)), torch.tensor([1, 0])
 
 
 @pytest.mark.filterwarnings("ignore:images of floats:UserWarning")  # points of a search may be negative
@@ -110,6 +105,18 @@ def test_the_distance_from_a_descriptor_of_zeros_is_absolute(spec: HOGSpec) -> N
     assert reconstruct(descriptor, spec, (32, 32), prior=None, quality="fast").distance == 0
 
 
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
+def test_another_default_dtype_gives_the_same(dtype: torch.dtype) -> None:
+    descriptor = hog(photographs(1, 32), SPEC)
+    expected = reconstruct(descriptor, SPEC, method=QUICK).image
+    torch.set_default_dtype(dtype)
+    try:
+        image = reconstruct(descriptor, SPEC, method=QUICK).image
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert torch.equal(image, expected)
+
+
 def test_the_seed_and_the_start_decide() -> None:
     image = photographs(1, 24)
     descriptor = hog(image, SPEC)
@@ -147,16 +154,13 @@ def test_levels(more: bool) -> None:
     assert calls[-1] == (14, 14)  # a quarter of the iterations at each level before the last
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"quality": "fast"},
-        {"search": Search(max_evaluations=9)},
-        {"objective": Objective(smoothness=1)},
-        {"expected": torch.zeros(1, 1, 16, 16)},
-        {"prior": [default_prior(SPEC)]},
-    ],
-)
-def test_options_of_the_default_method_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=f"{next(iter(options))} is an option of the default method"):
-        reconstruct(hog(torch.rand(1, 1, 16, 16), SPEC), SPEC, **{"method": "paper", **options})
+def test_options_of_the_default_method_are_refused() -> None:
+    for name, value in {
+        "quality": "fast",
+        "search": Search(max_evaluations=9),
+        "objective": Objective(smoothness=1),
+        "expected": torch.zeros(1, 1, 16, 16),
+        "prior": [default_prior(SPEC)],
+    }.items():
+        with pytest.raises(ValueError, match=f"{name} is an option of the default method"):
+            reconstruct(hog(torch.rand(1, 1, 16, 16), SPEC), SPEC, method="paper", **{name: value})  # type: ignore[arg-type]

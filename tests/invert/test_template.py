@@ -68,17 +68,16 @@ def test_a_weight_becomes_an_edge_of_its_cell_and_bin() -> None:
 
 
 def test_refusals() -> None:
-    spec = presets.uoctti(4)
-    with pytest.raises(ValueError, match=r"must have shape \(10, 10, 31\) .*, got \(10, 10, 32\)"):
-        template_descriptor(torch.ones(1, 10, 10, 32), spec)
-    with pytest.raises(ValueError, match=r"got \(3100,\).*from_layout"):
-        template_descriptor(torch.ones(3100), spec)
-    with pytest.raises(ValueError, match="the weights must be finite, got NaN or Inf"):
-        template_descriptor(torch.full((1, 10, 10, 31), math.nan), spec)
-    with pytest.raises(ValueError, match="a template has no positive weights of edges"):
-        template_descriptor(-torch.ones(1, 10, 10, 31), spec)
-    with pytest.raises(ValueError, match="a template has no negative weights of edges"):
-        template_descriptor(torch.ones(1, 10, 10, 31), spec, negative=True)
+    ones = torch.ones(1, 10, 10, 31)
+    for weights, negative, says in (
+        (torch.ones(1, 10, 10, 32), False, r"must have shape \(10, 10, 31\) .*, got \(10, 10, 32\)"),
+        (torch.ones(3100), False, r"got \(3100,\).*from_layout"),
+        (math.nan * ones, False, "the weights must be finite, got NaN or Inf"),
+        (-ones, False, "a template has no positive weights of edges"),
+        (ones, True, "a template has no negative weights of edges"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            template_descriptor(weights, presets.uoctti(4), negative=negative)
 
 
 @pytest.mark.parametrize("name", ["uoctti", "paper"])

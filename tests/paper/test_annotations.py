@@ -57,9 +57,8 @@ def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
     assert float(outside.max()) < 0.05
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_annotations_that_are_refused(photographs: Path) -> None:
+    wrong: list[tuple[dict[str, object], str]] = [
         ({"image": "no.png"}, "column image: .*no.png: no such file"),
         ({"image": "damaged.png"}, "column image: .*damaged.png: expected an image"),
         ({"y1": "nan"}, "column y1 must be a finite number, got nan"),
@@ -67,13 +66,12 @@ def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
         ({"y1": 130}, r"column x0: the box must lie in the image of 120x160 pixels \(height x width\)"),
         ({"elevation": 95}, "column elevation must be a finite number in -90 … 90, got 95"),
         ({"model": "sofa"}, "column model: expected one of one, two, got 'sofa'"),
-    ],
-)
-def test_annotations_that_are_refused(photographs: Path, changes: dict[str, object], message: str) -> None:
-    good, bad = (",".join(map(str, (GOOD | of).values())) for of in ({}, changes))
-    path = _csv(photographs, "\n".join([HEADS, good, bad]))
-    with pytest.raises(ValueError, match=rf"list.csv, line 3, {message}"):
-        read_annotations(path, models={"one", "two"})
+    ]
+    for changes, message in wrong:
+        good, bad = (",".join(map(str, (GOOD | of).values())) for of in ({}, changes))
+        path = _csv(photographs, "\n".join([HEADS, good, bad]))
+        with pytest.raises(ValueError, match=rf"list.csv, line 3, {message}"):
+            read_annotations(path, models={"one", "two"})
 
 
 # --- viewpoints
@@ -83,11 +81,8 @@ def test_viewpoints(tmp_path: Path) -> None:
     path = _csv(tmp_path, 'id,elevation,azimuth,note\na,20.5,-30,x\nb,-90,370,"y,z"\nc,0,-1e-20,\n')
     np.testing.assert_allclose(read_viewpoints(path), [[330, 20.5, 0], [10, -90, 0], [0, 0, 0]])
     np.testing.assert_allclose(read_viewpoints(_csv(tmp_path, "azimuth,elevation,theta\n0,10,-5\n")), [[0, 10, -5]])
-    for line, message in (
-        ("1,2,", "column theta must be a finite"),
-        ("1,90.5,0", "elevation must be"),
-    ):
-        with pytest.raises(ValueError, match=f"line 2, {message}|line 2, column {message}"):
+    for line, message in (("1,2,", "theta must be a finite"), ("1,90.5,0", "elevation must be")):
+        with pytest.raises(ValueError, match=f"line 2, (column )?{message}"):
             read_viewpoints(_csv(tmp_path, f"azimuth,elevation,theta\n{line}\n"))
 
 

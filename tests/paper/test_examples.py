@@ -30,10 +30,8 @@ def _photographed(*models: str | None, unknown_model: bool = False, seed: int = 
 
 def test_photographs() -> None:
     result = _photographed("02", None)
-    assert [(one.name, one.model, one.azimuth, one.box) for one in result.objects] == [
-        ("a#0", "02", 0, BOX),
-        ("a#1", None, 10, BOX),
-    ]
+    described = [(one.name, one.model, one.azimuth, one.box) for one in result.objects]
+    assert described == [("a#0", "02", 0, BOX), ("a#1", None, 10, BOX)]
     assert result.objects[0].candidates == tuple(CADS)
     assert result.origin.startswith("Mine. Candidates for each: 3 models; no pose is given")
     assert result.failed == {"b": "no image"}

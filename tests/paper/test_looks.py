@@ -98,12 +98,10 @@ def test_compression_is_that_of_pillow() -> None:
 
 def test_scenes_with_looks() -> None:
     """Where there is a shadow, the background is darker; the object's pose stays."""
+    lit = replace(CLEAN, contrast=(1, 1), ambient=(0.3, 0.3))
     plain, shaded = (
-        scene(0, {"tower": MODELS["tower"]}, VIEWS[:1], [np.ones((90, 120))], settings=replace(CLEAN, **of))
-        for of in (
-            {"contrast": (1, 1), "ambient": (0.3, 0.3)},
-            {"contrast": (1, 1), "ambient": (0.3, 0.3), "shadow": 1},
-        )
+        scene(0, {"tower": MODELS["tower"]}, VIEWS[:1], [np.ones((90, 120))], settings=settings)
+        for settings in (lit, replace(lit, shadow=1))
     )
     assert torch.equal(plain.pose, shaded.pose)
     coverage = silhouette(MODELS["tower"], plain.pose[None], plain.camera)[0, 0]

@@ -51,19 +51,16 @@ def test_record(tmp_path: Path) -> None:
     assert [result[k].viewpoint for k in (2, 4, 5, 6)] == [None] * 4
 
 
-@pytest.mark.parametrize(
-    ("variables", "message"),
-    [
-        ({"record": 1.0}, "record is no structure"),
-        ({"record": {"objects": "chair"}}, "objects is no structure"),
-        ({"record": {"objects": {"class": "chair", "bbox": [1, 2, 3, np.nan]}}}, "no class or no bbox"),
-    ],
-)
-def test_refused_records(tmp_path: Path, variables: dict[str, Any], message: str) -> None:
-    io.savemat(tmp_path / "a.mat", variables)
-    with pytest.raises(ValueError, match="expected a record of PASCAL3D") as error:
-        read_record(tmp_path / "a.mat")
-    assert message in str(error.value)
+def test_refused_records(tmp_path: Path) -> None:
+    wrong: list[tuple[Any, str]] = [
+        (1.0, "record is no structure"),
+        ({"objects": "chair"}, "objects is no structure"),
+        ({"objects": {"class": "chair", "bbox": [1, 2, 3, np.nan]}}, "no class or no bbox"),
+    ]
+    for record, message in wrong:
+        io.savemat(tmp_path / "a.mat", {"record": record})
+        with pytest.raises(ValueError, match=f"expected a record of PASCAL3D.*{message}"):
+            read_record(tmp_path / "a.mat")
 
 
 def _annotation(box: tuple[float, ...], **flags: int) -> str:
@@ -120,12 +117,13 @@ def test_the_selection(published: tuple[Path, Path]) -> None:
 
 def test_nothing_to_select(published: tuple[Path, Path]) -> None:
     voc, pascal3d = published
-    (voc / "ImageSets" / "Main" / "chair_val.txt").write_text("d 1\n")
-    with pytest.raises(ValueError, match="no chair of val is selected: 0 objects of 0 photographs; left out: 1 diff"):
-        read_pascal3d(voc, pascal3d)
-    (voc / "ImageSets" / "Main" / "chair_val.txt").write_text("f 1\n")
-    with pytest.raises(ValueError, match=r"is selected: Annotations/f\.xml: no such file"):
-        read_pascal3d(voc, pascal3d)
+    for listed, message in (
+        ("d 1", "no chair of val is selected: 0 objects of 0 photographs; left out: 1 diff"),
+        ("f 1", r"is selected: Annotations/f\.xml: no such file"),
+    ):
+        (voc / "ImageSets" / "Main" / "chair_val.txt").write_text(listed)
+        with pytest.raises(ValueError, match=message):
+            read_pascal3d(voc, pascal3d)
     with pytest.raises(FileNotFoundError, match="but it has no Annotations/chair_pascal"):
         read_pascal3d(voc, voc)
     with pytest.raises(FileNotFoundError, match="expected the folder VOC2012"):
@@ -155,11 +153,7 @@ ANNOTATION = """<annotation><folder>VOC2012</folder>
 <object><name> sofa </name>
 <bndbox><xmin>45.70000076293945</xmin><ymin>2</ymin><xmax>50.5</xmax><ymax>9</ymax></bndbox></object>
 </annotation>"""
-BOMB = (
-    "<!DOCTYPE annotation ["
-    + "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(20))
-    + "]><annotation>&e20;</annotation>"
-)
+ENTITIES = "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(20))
 
 
 def test_annotation(tmp_path: Path) -> None:
@@ -171,24 +165,20 @@ def test_annotation(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_refused_annotations(tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    for text, message in (
         ("<annotation>", "no element found"),
         ("<html/>", "its root is 'html'"),
-        (BOMB, "a document type is refused"),
+        (f"<!DOCTYPE annotation [{ENTITIES}]><annotation>&e20;</annotation>", "a document type is refused"),
         ('<!DOCTYPE annotation SYSTEM "file:///etc/passwd"><annotation/>', "a document type is refused"),
         ('<?xml version="1.0" encoding="none"?><annotation/>', "unknown encoding"),
         (ANNOTATION.replace(">20<", ">nan<"), "ymin of a box is 'nan'"),
         (ANNOTATION + " " * 2**20, "it has more than 1,048,576 bytes"),
-    ],
-)
-def test_refused_annotations(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "a.xml"
-    path.write_text(text)
-    with pytest.raises(ValueError, match="expected an annotation of PASCAL VOC, but ") as error:
-        read_annotation(path)
-    assert message in str(error.value)
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=f"expected an annotation of PASCAL VOC, but .*{message}"):
+            read_annotation(path)
 
 
 def test_lists(tmp_path: Path) -> None:

@@ -26,23 +26,15 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
     assert sorted(calls) == ["dark"] + ["uoctti-single"] * 4
 
 
-@pytest.mark.parametrize(
-    ("images", "expected"),
-    [
-        (("a.png",), []),
-        (("a.png", "1.png"), ["The prior file was learned from images of the same"]),
-        (("a.png", "1.png, 1/2, 0, 64"), ["The prior file was learned from images of the same names as 1 of these"]),
-    ],
-)
-def test_remarks_on_what_a_prior_has_seen(tmp_path: Path, images: tuple[str, ...], expected: list[str]) -> None:
+def test_remarks_on_what_a_prior_has_seen(tmp_path: Path) -> None:
     learned = METHODS["uoctti-learned"]
     assert learned.spec is not None
-    prior = write_prior(tmp_path / "p.npz", learned.spec, images=images)
-    said = table1_page.remarks([], {"prior": prior}, photographs(2))
-    assert [one[: len(start)] for one, start in zip(said, expected, strict=True)] == expected
-    assert table1_page.remarks([learned], {}, photographs(2)) == [
-        "uoctti-learned is optional, and runs with a file of prior, see `nablahog learn prior`."
-    ]
+    for seen, remarks in (("a.png",), 0), (("a.png", "1.png"), 1), (("a.png", "1.png, 1/2, 0, 64"), 1):
+        prior = write_prior(tmp_path / "p.npz", learned.spec, images=seen)
+        said = table1_page.remarks([], {"prior": prior}, photographs(2))
+        assert ["learned from images of the same names as 1 of these" in remark for remark in said] == [True] * remarks
+    (remark,) = table1_page.remarks([learned], {}, photographs(2))
+    assert "uoctti-learned is optional" in remark
 
 
 @pytest.mark.parametrize("turned", [True, False])

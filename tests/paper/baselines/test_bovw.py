@@ -195,18 +195,18 @@ def test_images_of_another_size(learned: BoVW) -> None:
 # --- files
 
 
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "NaN": ({"vocabulary": np.full((3, 128), np.nan, np.float32)}, r"the vocabulary must lie in 0…1, got NaN"),
-    "no words": ({"vocabulary": np.zeros((0, 128), np.float32)}, r"the vocabulary must be float32"),
-    "bright patches": ({"patches": np.full((3, 16, 16), 1.5, np.float32)}, "the patches must lie in 0…1"),
-    "small patches": ({"patches": np.zeros((3, 14, 14), np.float32)}, "a patch must be 16 pixels wide"),
-    "unknown words": ({"database": np.full((2, 1, 2), 3, np.int16)}, "the database must lie in 0…2"),
-    "words of nothing": ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must occur"),
-    "another size": ({"image_size": np.array([16, 24])}, r"the database must be int16 of shape \(2, 1, 3"),
-    "no cell": ({"cell": np.array(0)}, "a cell must be at least 1 pixel wide, got 0"),
-}
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"vocabulary": np.full((3, 128), np.nan, np.float32)}, r"the vocabulary must lie in 0…1, got NaN"),
+    ({"vocabulary": np.zeros((0, 128), np.float32)}, r"the vocabulary must be float32"),
+    ({"patches": np.full((3, 16, 16), 1.5, np.float32)}, "the patches must lie in 0…1"),
+    ({"patches": np.zeros((3, 14, 14), np.float32)}, "a patch must be 16 pixels wide"),
+    ({"database": np.full((2, 1, 2), 3, np.int16)}, "the database must lie in 0…2"),
+    ({"database": np.zeros((2, 1, 2), np.int16)}, "each word of the vocabulary must occur"),
+    ({"image_size": np.array([16, 24])}, r"the database must be int16 of shape \(2, 1, 3"),
+    ({"cell": np.array(0)}, "a cell must be at least 1 pixel wide, got 0"),
+]
 
 
-@pytest.mark.parametrize("what", WRONG)
-def test_wrong_contents(tmp_path: Path, what: str) -> None:
-    check_refused(tiny_models.bovw(), tmp_path / "w.npz", *WRONG[what])
+def test_wrong_contents(tmp_path: Path) -> None:
+    for changed, message in WRONG:
+        check_refused(tiny_models.bovw(), tmp_path / "w.npz", changed, message)

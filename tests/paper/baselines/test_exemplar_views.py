@@ -17,12 +17,7 @@ from nablahog.hog import hog
 from nablahog.io.images import sample_photograph
 from nablahog.paper.baselines import exemplar_views as learning
 from nablahog.paper.baselines.exemplar_views import (
-    CELL_SIDE,
     EXEMPLAR_SPEC,
-    FOCAL,
-    LIGHT,
-    OCTAVE_LEVELS,
-    RENDERING_SIDE,
     ExemplarLibrary,
     ExemplarViews,
     ViewSampling,
@@ -68,8 +63,8 @@ def test_viewpoints_of_the_released_code() -> None:
 
 
 def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
-    camera = Camera(FOCAL, RENDERING_SIDE, RENDERING_SIDE)
-    images = Renderer(mesh, camera, light=LIGHT, supersampling=2)(FEW.poses())[:, 0]
+    camera = Camera(learning.FOCAL, learning.RENDERING_SIDE, learning.RENDERING_SIDE)
+    images = Renderer(mesh, camera, light=learning.LIGHT, supersampling=2)(FEW.poses())[:, 0]
     assert views.viewpoints.tolist() == [[0, 20], [75, 20]]
     assert 8 <= len(views.scale) <= 20
     for view, image in enumerate(images):
@@ -89,7 +84,7 @@ def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, ba
 
 
 def test_elements_of_a_view_are_apart_and_on_the_object(views: ExemplarViews) -> None:
-    pixels = CELL_SIDE * 2 ** (views.level / OCTAVE_LEVELS)
+    pixels = learning.CELL_SIDE * 2 ** (views.level / learning.OCTAVE_LEVELS)
     low = views.positions * pixels[:, None]
     high = (views.positions + 10) * pixels[:, None]
     for view in range(2):
@@ -122,18 +117,16 @@ def test_other_backgrounds_are_refused(mesh: Mesh, background: Background) -> No
         learn_views(mesh, background, dataclasses.replace(FEW, size=(11, 11)))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_what_are_no_views(tmp_path: Path) -> None:
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({"weights": np.zeros((4, 2, 2, 31), np.float16)}, "weights must be finite, torch.float32 of shape"),
         ({"scale": np.full(3, np.nan, np.float32)}, "must be finite"),
         ({"level": np.array([0, 1, 64])}, "in order of the views"),
         ({"first": np.array([0, 4, 3])}, "in order of the views"),
         ({"first": np.array([0, 1, 2])}, "in order of the views"),  # of three elements
-    ],
-)
-def test_what_are_no_views(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    check_refused(tiny_models.views(), tmp_path / "v.npz", changes, message)
+    ]
+    for changes, message in wrong:
+        check_refused(tiny_models.views(), tmp_path / "v.npz", changes, message)
 
 
 def test_a_library_learns_each_model_once(
