@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ Array = NDArray[np.floating]
 COLOUR = data.astronaut()[40:168, 190:254]  # 128x64
 GRAY = data.camera()[100:228, 200:264]
 SQUARES = ("astronaut", "camera", "coffee", "chelsea")
+slow = partial(pytest.param, marks=pytest.mark.slow)
 
 
 def photograph(name: str = "astronaut", width: int = 64, height: int = 128) -> NDArray[np.uint8]:
@@ -282,7 +283,7 @@ def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
     assert "undecided" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["opencv", "dpm", "uoctti", "skimage", "cnn_hog", "maskfeat"])
+@pytest.mark.parametrize("name", ["opencv", "uoctti", "cnn_hog", *map(slow, ("dpm", "skimage", "maskfeat"))])
 def test_the_candidates_of_bytes_are_those_of_the_numbers_divided_by_255(name: str) -> None:
     found = which_hog(255 * ours(name).ravel())
     assert not found.decided_by
@@ -297,7 +298,7 @@ def test_a_factor_is_named_only_if_something_holds_at_that_scale() -> None:
         assert "they may be" not in which_hog(original / vector.max()).remark
 
 
-@pytest.mark.parametrize("name", ["vlfeat", "dpm", "cnn_hog"])
+@pytest.mark.parametrize("name", ["vlfeat", "dpm", slow("cnn_hog")])
 def test_numbers_in_reverse_order_are_remarked_on(name: str) -> None:
     found = which_hog(ours(name).ravel()[::-1])
     assert not found.decided_by
