@@ -74,6 +74,11 @@ class Row:
     leaves_out: Mapping[str, str] = field(default_factory=dict)
 
 
+def rows(kind: Kind, makes: Mapping[str, Callable[[Any], Any]], *, prefix: str = "", **more: Any) -> list[Row]:
+    """A row for each way to make an input, with what they have in common."""
+    return [Row(f"{prefix or kind} {name}", kind, make, **more) for name, make in makes.items()]
+
+
 class Use(NamedTuple):
     """How a column takes a kind of input: its function, the plain input, and how an input's meaning is written."""
 
@@ -91,7 +96,6 @@ class Column:
         uses: by kind of input; contexts go around that of the kind ``"context"``, or else around the first one.
         tolerance: absolute, of its results.
         traceable: whether it is made of tensors throughout, so that PyTorch compiles and exports it.
-        slow: whether its cells are no part of the quick table.
         types: of images, batches, descriptors and masks that it is for; others it may refuse; any input if there are
             none, as the library may whose names it has.
     """
@@ -100,7 +104,6 @@ class Column:
     uses: Mapping[Kind, Use]
     tolerance: float = 1e-6
     traceable: bool = False
-    slow: bool = False
     types: tuple[type, ...] = (object,)
 
     def use(self, kind: Kind) -> Use:
@@ -113,6 +116,12 @@ class Column:
 
     def takes(self, row: Row) -> bool:
         return (row.kind == "context" or row.kind in self.uses) and self.name not in row.leaves_out
+
+
+def column(name: str, /, **more: Any) -> Column:
+    """A column of which the uses are named by their kinds, among the other attributes."""
+    uses = {key: use for key, use in more.items() if isinstance(use, Use)}
+    return Column(name, uses, **{key: value for key, value in more.items() if key not in uses})  # type: ignore[arg-type]
 
 
 class Cell(NamedTuple):

@@ -22,17 +22,19 @@ if not hasattr(cv2, "HOGDescriptor"):
     pytest.skip("OpenCV 5 has no HOG in its main package", allow_module_level=True)
 
 TOLERANCE = 2e-6  # of the default descriptor
+ASTRONAUT = data.astronaut()
 FIVE = ((64, 128), (16, 16), (8, 8), (8, 8), 9)
 SMALL = ((16, 24), (8, 8), (4, 8), (4, 4), 6)
 
-side = st.integers(0, 40)
-stride = st.integers(1, 12)
+
+def pairs(low: int, high: int) -> st.SearchStrategy[tuple[int, int]]:
+    return st.tuples(st.integers(low, high), st.integers(low, high))
 
 
 def crop(seed: int, height: int, width: int, colour: bool, levels: int = 256) -> np.ndarray:
     """Somewhere in a photograph; of few levels if you want many ties of channels."""
     row, col = np.random.default_rng(seed).integers(0, 300, 2)
-    image = data.astronaut()[row : row + height, col : col + width]
+    image = ASTRONAUT[row : row + height, col : col + width]
     image = image // (256 // levels) * (256 // levels)
     return np.ascontiguousarray(image if colour else image[..., 0])
 
@@ -92,41 +94,25 @@ def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
 
 @given(
     seed=st.integers(0, 99),
-    cell=st.tuples(st.integers(2, 9), st.integers(2, 9)),
-    cells=st.tuples(st.integers(1, 3), st.integers(1, 3)),
-    step=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-    steps=st.tuples(st.integers(0, 3), st.integers(0, 3)),
+    sizes=st.tuples(pairs(2, 9), pairs(1, 3), pairs(1, 9), pairs(0, 3), pairs(0, 20)),
     nbins=st.integers(4, 20),
     sigma=st.sampled_from([-1.0, 0.0, 1.5, 9.0]),
     flags=st.tuples(st.booleans(), st.booleans()),
-    spare=st.tuples(st.integers(0, 20), st.integers(0, 20)),
-    win_stride=st.none() | st.tuples(stride, stride),
-    padding=st.none() | st.tuples(st.integers(-4, 40), st.integers(-4, 40)),
-    colour=st.booleans(),
-    levels=st.sampled_from([2, 4, 256]),
+    kind=st.tuples(st.booleans(), st.sampled_from([2, 4, 256])),
+    winStride=st.none() | pairs(1, 12),
+    padding=st.none() | pairs(-4, 40),
 )
 @settings(max_examples=150)
 def test_photographs(
-    seed: int,
-    cell: tuple[int, int],
-    cells: tuple[int, int],
-    step: tuple[int, int],
-    steps: tuple[int, int],
-    nbins: int,
-    sigma: float,
-    flags: tuple[bool, bool],
-    spare: tuple[int, int],
-    win_stride: tuple[int, int] | None,
-    padding: tuple[int, int] | None,
-    colour: bool,
-    levels: int,
+    seed: int, sizes: Any, nbins: int, sigma: float, flags: Any, kind: tuple[bool, int], **options: Any
 ) -> None:
     """By the class and, of one window, by the preset.  All sizes are (width, height)."""
+    cell, cells, step, steps, spare = sizes
     block = (cell[0] * cells[0], cell[1] * cells[1])
     window = (block[0] + step[0] * steps[0], block[1] + step[1] * steps[1])
-    image = crop(seed, window[1] + spare[1], window[0] + spare[0], colour, levels)
+    image = crop(seed, window[1] + spare[1], window[0] + spare[0], *kind)
     arguments = (window, block, step, cell, nbins, 1, sigma, 0, 0.2, flags[0], 64, flags[1])
-    assert_same(arguments, image, win_stride, padding)
+    assert_same(arguments, image, **options)
     image = np.ascontiguousarray(image[: window[1], : window[0]])
     spec = presets.opencv(*arguments[:5], win_sigma=sigma, gamma=flags[0], signed=flags[1])
     expected = cv2.HOGDescriptor(*arguments).compute(image)
@@ -135,18 +121,17 @@ def test_photographs(
 
 @given(
     seed=st.integers(0, 99),
-    locations=st.lists(st.tuples(st.integers(-30, 60), st.integers(-30, 60)), max_size=12),
-    win_stride=st.none() | st.tuples(stride, stride),
-    padding=st.none() | st.tuples(side, side),
+    locations=st.lists(pairs(-30, 60), max_size=12),
+    winStride=st.none() | pairs(1, 12),
+    padding=st.none() | pairs(0, 40),
 )
 @settings(max_examples=60)
-def test_locations(seed: int, locations: list[tuple[int, int]], win_stride: Any, padding: Any) -> None:
+def test_locations(seed: int, **options: Any) -> None:
     """Zeros for windows that are not in the padded image; all windows if there is no location."""
-    assert_same(SMALL, crop(seed, 53, 47, colour=True), win_stride, padding, locations)
+    assert_same(SMALL, crop(seed, 53, 47, colour=True), **options)
 
 
 def test_arrays_that_opencv_keeps_elsewhere() -> None:
-    cv2 = pytest.importorskip("cv2")
     image, weights = crop(1, 128, 64, colour=True), np.linspace(-1, 1, 3781, dtype=np.float32)
     hog = HOGDescriptor()
     np.testing.assert_array_equal(hog.compute(cv2.UMat(image)), hog.compute(image))

@@ -21,11 +21,10 @@ from torch.testing import assert_close
 from nablahog.hog import HOGSpec, hog, presets, stream
 from nablahog.hog.kernels.loops import supports
 
-from .zoo import SPECS, fits
+from .zoo import SPECS, fits, threads
 
 LEAST = 1  # byte: a row of the descriptor at a time
 dtypes = st.sampled_from([np.uint8, np.float32, np.float64])
-sides = st.integers(1, 4)
 
 
 def picture(height: int, width: int, channels: int, dtype: Any, seed: int = 0) -> npt.NDArray[Any]:
@@ -90,14 +89,11 @@ def test_there_are_strips(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["paper", "uoctti", "opencv"])
 def test_of_large_images_in_several_threads(name: str) -> None:
-    image, s, threads = picture(700, 400, 3, np.uint8), SPECS[name], torch.get_num_threads()
+    image, s = picture(700, 400, 3, np.uint8), SPECS[name]
     expected = whole(image, s)
-    torch.set_num_threads(2)
-    try:
+    with threads(2):
         assert same(joined(image, s, 2**20)[0], expected)
         assert same(whole(image, s), expected)
-    finally:
-        torch.set_num_threads(threads)
 
 
 def test_bytes_follow_the_default_dtype() -> None:

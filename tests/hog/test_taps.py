@@ -14,7 +14,7 @@ from nablahog.hog import steps
 from nablahog.hog.kernels.tables import ImageTables
 from nablahog.hog.steps import histograms_reference, pooling_axes
 
-from .zoo import SPECS, noise
+from .zoo import SPECS, noise, waves
 
 CPU = torch.device("cpu")
 
@@ -23,8 +23,7 @@ def gradients(images: Tensor, name: str) -> tuple[Tensor, Tensor, Tensor]:
     """Histograms, a gradient, and a gradient of that."""
     images = images.clone().requires_grad_()
     histograms = histograms_reference(images, SPECS[name])
-    weights = torch.linspace(0, 40, histograms.numel(), dtype=images.dtype).cos().view(histograms.shape)
-    (first,) = torch.autograd.grad((histograms * weights).sin().sum(), images, create_graph=True)
+    (first,) = torch.autograd.grad((histograms * waves(histograms)).sin().sum(), images, create_graph=True)
     (second,) = torch.autograd.grad(first.square().sum(), images)
     return histograms.detach(), first.detach(), second
 

@@ -97,18 +97,6 @@ def test_lengths_of_blocks(name: str) -> None:
         assert (equal >= 0.5) if many else (equal < 0.05), form
 
 
-@pytest.mark.parametrize("gamma", [True, False])
-def test_opencv_takes_channels_in_its_order(gamma: bool) -> None:
-    cv2 = pytest.importorskip("cv2")
-    rgb = np.ascontiguousarray(data.astronaut()[40:168, 190:254])
-    bgr = np.ascontiguousarray(rgb[..., ::-1])
-    theirs = cv2.HOGDescriptor((64, 128), (16, 16), (8, 8), (8, 8), 9, 1, -1, 0, 0.2, gamma).compute(bgr).ravel()
-    spec = presets.opencv(gamma=gamma)
-    assert abs(hog(bgr, spec, layout="native").ravel() - theirs).max() < 1e-6
-    other = abs(hog(rgb, spec, layout="native").ravel() - theirs).max()
-    assert 0 <= other < 0.1
-
-
 def test_cells_that_have_settled_are_left_out_of_later_rounds() -> None:
     """What is found is that of all rounds for all cells; cells of two images, in several parts."""
     generator = torch.Generator().manual_seed(0)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import torch
@@ -202,3 +203,26 @@ def integers(*shape: int, seed: int = 0, dtype: torch.dtype = DOUBLE, levels: in
     """A random 8-bit image in 0…1, of few levels if you want many ties."""
     generator = torch.Generator().manual_seed(seed)
     return (torch.randint(levels, shape, generator=generator) * (255 // (levels - 1))).to(dtype) / 255
+
+
+def bytes_of(height: int, width: int) -> Tensor:
+    """Two images of uint8 and three colours; the second one of few levels."""
+    x = torch.randint(256, (2, 3, height, width), dtype=torch.uint8, generator=torch.Generator().manual_seed(1))
+    x[1] //= 32
+    return x
+
+
+def waves(like: Tensor, last: float = 40) -> Tensor:
+    """A fixed cotangent or tangent."""
+    return torch.linspace(0, last, like.numel(), dtype=DOUBLE).cos().view(like.shape).to(like)
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """So many of PyTorch."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from nablahog.hog.gradient import gray
 from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
+from nablahog.pose import PoseEstimate
 from nablahog.render import Camera, Mesh, pose, render, silhouette
 
 from ..chairs import chair
@@ -38,6 +40,14 @@ def box_around(mask: Tensor) -> Box:
 
 def degrees_between(one: float, other: float) -> float:
     return abs((one - other + 180) % 360 - 180)
+
+
+def errors(estimate: PoseEstimate, matrix: Tensor) -> tuple[float, float]:
+    """Degrees of the rotation, and the distance of the places in diagonals of the chair."""
+    unit = torch.tensor([model().unit] * 3 + [1], dtype=torch.float64)[:, None]
+    found = (estimate.matrix() @ torch.linalg.inv(estimate.from_original)) / unit
+    cosine = (float((found[:3, :3] @ matrix[:3, :3].T).trace()) - 1) / 2
+    return math.degrees(math.acos(min(1.0, cosine))), float((found[:3, 3] - matrix[:3, 3]).norm())
 
 
 def overlap(one: Tensor, other: Tensor) -> float:

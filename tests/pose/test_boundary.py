@@ -43,9 +43,10 @@ def test_cameras_are_numbers_pairs_and_matrices() -> None:
     matrix = np.array([[300.0, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]])
     for focal in (np.float32(300), torch.tensor(300.0), (300, 300.0), matrix, torch.from_numpy(matrix)):
         assert azimuth(focal=focal) == expected
-    for intrinsics in (matrix, matrix.tolist(), torch.from_numpy(matrix), (300, 300, WIDTH / 2, HEIGHT / 2)):
-        for distortion in (None, np.zeros((1, 5)), [0.0] * 4, torch.zeros(14)):
-            assert azimuth(intrinsics=intrinsics, distortion=distortion) == expected
+    all_intrinsics = matrix, matrix.tolist(), torch.from_numpy(matrix), (300, 300, WIDTH / 2, HEIGHT / 2)
+    distortions = None, np.zeros((1, 5)), [0.0] * 4, torch.zeros(14)
+    for intrinsics, distortion in zip(all_intrinsics, distortions, strict=True):
+        assert azimuth(intrinsics=intrinsics, distortion=distortion) == expected
     assert azimuth(intrinsics={"K": matrix, "width": WIDTH, "height": HEIGHT}) == expected
 
 
@@ -55,7 +56,11 @@ MATRIX = [[300, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]
 @pytest.mark.parametrize(
     ("camera", "message"),
     [
-        ({"intrinsics": 300}, "intrinsics must be a camera matrix"),
+        ({"within": 0, "method": "best"}, "within must be a finite number above 0 and at most 180"),
+        ({"principal_point": (3, 4)}, "`principal_point` needs a known focal length"),
+        ({"focal": 300, "principal_point": (3, float("nan"))}, "principal_point must be 2 finite numbers x, y"),
+        ({"focal": 20.0}, "in pixels, 0.1 to 100 diagonals of the photograph, got 20"),
+        ({"focal": "far"}, "focal must be a finite number of pixels above 0, .*, or 'exif', got 'far'"),
         ({"intrinsics": (300, 300)}, "intrinsics must be a camera matrix"),
         ({"intrinsics": (300, -300, 90, 75)}, "intrinsics must be a camera matrix"),
         ({"intrinsics": (300, 900, 90, 75)}, "more than 2.5 times the other"),

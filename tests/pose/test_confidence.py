@@ -11,9 +11,9 @@ import torch
 from scipy.special import softmax
 from torch import Tensor
 
-from nablahog import Camera, estimate_pose, render, sample_chairs
+from nablahog import Camera, PoseEstimate, estimate_pose, render, sample_chairs
 from nablahog.io.images import sample_photograph
-from nablahog.pose.confidence import KNOWN_MODEL, UNKNOWN_MODEL, Evidence, Weights, probabilities
+from nablahog.pose.confidence import Evidence, probabilities
 from nablahog.pose.crop import crop_object
 from nablahog.pose.evidence import compare_turned, probability_in_range
 from nablahog.pose.model import azimuth_distance, prepared_model
@@ -24,13 +24,6 @@ from .common import SWIVEL, model, photographed
 
 ALONE = Evidence(True, 8.0, 0.1, 0.3, 1.0, (0.9, 0.6))
 AMONG = Evidence(False, 6.0, 0.1, 0.3, 0.6, (0.5, 0.1))
-PLAIN = Weights(constant=0.0, similarity=0.0, penalty=0.0, sidelobe=0.0, agreement=0.0, upright=0.0, share=1.0)
-
-
-def test_odds_are_those_of_a_multinomial_regression() -> None:
-    sure = probabilities(ALONE, PLAIN._replace(constant=math.log(2), share=2.0))
-    odds = [2, 2 * 0.9**2, 2 * 0.6**2]
-    assert sure == pytest.approx([each / (1 + sum(odds)) for each in odds])
 
 
 @pytest.mark.parametrize("evidence", [ALONE, AMONG])
@@ -43,26 +36,9 @@ def test_the_rest_to_one_is_that_no_pose_is_right(evidence: Evidence) -> None:
             assert len(sure) == 1 + len(shares)
 
 
-def test_what_fits_well_is_surer_and_what_fits_elsewhere_is_less_sure() -> None:
-    for evidence in (ALONE, AMONG):
-        base = probabilities(evidence)[0]
-        assert 0 < base < 1
-        assert probabilities(replace(evidence, shares=(0.95, 0.6)))[0] < base
-        assert probabilities(replace(evidence, penalty=1.0))[0] < base
-        assert probabilities(replace(evidence, sidelobe=0.9))[0] < base
-    assert probabilities(replace(ALONE, similarity=9.0))[0] > probabilities(ALONE)[0]
-    assert probabilities(replace(AMONG, agreement=0.9))[0] > probabilities(AMONG)[0]
-    assert probabilities(replace(AMONG, upright=1.0))[0] > probabilities(AMONG)[0]
-
-
 def test_a_side_that_fits_as_well_is_as_likely() -> None:
     sure = probabilities(replace(ALONE, similarity=30.0, shares=(1.0,)))
     assert sure == pytest.approx((0.5, 0.5), abs=1e-3)
-
-
-def test_weights_are_those_of_the_kind_of_evidence() -> None:
-    assert probabilities(ALONE) == probabilities(ALONE, KNOWN_MODEL)
-    assert probabilities(AMONG) == probabilities(AMONG, UNKNOWN_MODEL)
 
 
 def test_the_fitted_weights() -> None:
@@ -139,9 +115,13 @@ def test_a_model_that_is_not_there_has_a_low_confidence(name: str) -> None:
     assert estimate.confidence < 0.3
 
 
-def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it() -> None:
-    mesh = sample_chairs()["wooden-0"]
-    estimate = estimate_pose(sample_photograph("coffee"), mesh, box=(100, 50, 400, 350))
+@pytest.fixture(scope="module")
+def estimate() -> PoseEstimate:
+    """Of a chair that is not there, and has runners-up."""
+    return estimate_pose(sample_photograph("coffee"), sample_chairs()["wooden-0"], box=(100, 50, 400, 350))
+
+
+def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it(estimate: PoseEstimate) -> None:
     sides = [azimuth_distance(estimate.azimuth, rival.azimuth) for rival in estimate.runners_up]
     confidences = [rival.confidence for rival in estimate.runners_up]
     expected = sum(sure or 0 for side, sure in zip(sides, confidences, strict=True) if side >= OPPOSITE)
@@ -155,9 +135,7 @@ def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it() -> None:
     assert clear.half_turn
 
 
-def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit() -> None:
-    mesh = sample_chairs()["wooden-0"]
-    estimate = estimate_pose(sample_photograph("coffee"), mesh, box=(100, 50, 400, 350))
+def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit(estimate: PoseEstimate) -> None:
     first, *_ = estimate.runners_up
     few, more, most = (replace(first, confidence=SECOND_CONFIDENCE + off) for off in (-0.01, 0.01, 0.05))
     assert replace(estimate, runners_up=(few, more, most)).second is most

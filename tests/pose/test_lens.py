@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from nablahog.render import pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.conventions import move_before_camera, pose_matrix
 
-from .common import box_around, model
+from .common import box_around, errors, model
 
 HEIGHT, WIDTH = 480, 640
 K = np.array([[520.0, 0, 335], [0, 470, 228], [0, 0, 1]])
@@ -47,14 +46,6 @@ def photographed(azimuth: float, elevation: float, place: tuple[float, float, fl
     matrix[:3, 3] = torch.tensor(place, dtype=torch.float64)
     scene = move_before_camera(model(), matrix, torch.from_numpy(IDEAL), 800, 1000)
     return distort(render(*scene)[0, 0]), matrix, box_around(distort(silhouette(*scene)[0, 0])[0] > 0.5)
-
-
-def errors(estimate: PoseEstimate, matrix: Tensor) -> tuple[float, float]:
-    """Degrees of the rotation, and the distance of the places in diagonals of the chair."""
-    unit = torch.tensor([model().unit] * 3 + [1], dtype=torch.float64)[:, None]
-    found = (estimate.matrix() @ torch.linalg.inv(estimate.from_original)) / unit
-    cosine = (float((found[:3, :3] @ matrix[:3, :3].T).trace()) - 1) / 2
-    return math.degrees(math.acos(min(1.0, cosine))), float((found[:3, 3] - matrix[:3, 3]).norm())
 
 
 @pytest.mark.parametrize(("azimuth", "elevation", "place"), [(35, 18, (1.0, -0.35, 2.6)), (130, 12, (-1.3, 0.3, 2.8))])

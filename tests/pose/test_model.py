@@ -135,11 +135,6 @@ def test_local_maxima(values: list[float], count: int, expected: list[int]) -> N
     assert local_maxima(torch.tensor(values).double(), count).tolist() == expected
 
 
-@pytest.fixture(scope="module")
-def crop() -> ObjectCrop:
-    return crop_object(*photographed(model(), 40, 15, behind="coffee"))
-
-
 def test_the_default_descriptor() -> None:
     assert pose_spec() == presets.aubry(8, colour="gray")
     assert pose_spec(4).cell_size == (4, 4)
@@ -214,11 +209,6 @@ def test_less_detail_takes_fewer_faces(crop: ObjectCrop) -> None:
 
 
 # --- views ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def photograph(crop: ObjectCrop) -> PreparedPhotograph:
-    return PreparedPhotograph(crop)
 
 
 @pytest.fixture(scope="module")

@@ -12,23 +12,13 @@ from torch.testing import assert_close
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.inputs.boxes import Box
 from nablahog.pose.background import default_background
-from nablahog.pose.crop import ObjectCrop, crop_object, downsample_camera
+from nablahog.pose.crop import ObjectCrop, downsample_camera
 from nablahog.pose.options import SimilarityKind
 from nablahog.pose.photograph import ELEMENT, PreparedPhotograph, patch_spec
 from nablahog.pose.similarity import PatchTemplate, Similarity, describe, downsample_poses, patch_template
 from nablahog.render import Renderer
 
-from .common import columns, model, photographed
-
-
-@pytest.fixture(scope="module")
-def crop() -> ObjectCrop:
-    return crop_object(*photographed(model(), 40, 15, behind="coffee"))
-
-
-@pytest.fixture(scope="module")
-def photograph(crop: ObjectCrop) -> PreparedPhotograph:
-    return PreparedPhotograph(crop)
+from .common import columns, model
 
 
 def similarity(

@@ -22,6 +22,7 @@ from nablahog.pose.vote import (
     vote,
 )
 
+from ..hog.zoo import threads
 from .common import SWIVEL, degrees_between, model, photographed
 
 Sides = list[tuple[list[Hypothesis], float]]
@@ -154,13 +155,10 @@ def test_runners_up_are_no_symmetric_views() -> None:
 def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
     image, box = photographed(model(), 30, 15)
     others = {"swivel": model(SWIVEL), "wooden": model(6)}
-    before, estimates = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
+    estimates = []
+    for count in (1, 2):
+        with threads(count):
             estimates.append(estimate_pose(image, others, box=box, initial=(0, 15)))
-    finally:
-        torch.set_num_threads(before)
     torch.testing.assert_close(estimates[0].pose, estimates[1].pose, atol=1e-4, rtol=0)  # networks round differently
     assert (estimates[0].model, estimates[0].renderings) == (estimates[1].model, estimates[1].renderings)
 

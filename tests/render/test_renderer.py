@@ -23,6 +23,7 @@ from nablahog.render.renderer import EdgeMethod, Rendering
 from nablahog.render.surface import BOUNDARY, face_planes
 
 from ..chairs import chair
+from ..hog.zoo import threads
 from .shapes import box, cylinder, joined, poses
 
 CAMERA = Camera.from_field_of_view(25, 72, 64)
@@ -123,11 +124,8 @@ def test_planes_of_faces_are_computed_once_for_all_cameras(monkeypatch: pytest.M
 def test_the_result_does_not_depend_on_the_number_of_threads() -> None:
     renderer, where = Renderer(MESHES["chair"], CAMERA), poses(5, 2.6)
     one = renderer(where)
-    torch.set_num_threads(2)
-    try:
+    with threads(2):
         assert torch.equal(renderer(where), one)
-    finally:
-        torch.set_num_threads(1)
 
 
 @needs_loops

@@ -16,7 +16,7 @@ from nablahog.compat.opencv import HOGDescriptor, score
 from nablahog.compat.sklearn import HOGTransformer
 from nablahog.hog.box import cell_centres, pixel_box
 
-from ..table import Column, Use
+from ..table import Use, column
 from .plain import (
     BATCH,
     BOX,
@@ -84,142 +84,108 @@ def loss_of(x: Any, spec: Any = "uoctti") -> Any:
 
 
 COLUMNS = [
-    Column(
+    column(
         "hog",
-        {
-            "batch": batch(lambda x: hog(x, "uoctti")),
-            "image": image(lambda x: hog(x, "uoctti")),
-            "name": name(lambda n: hog(IMAGE, n)),
-        },
+        batch=batch(lambda x: hog(x, "uoctti")),
+        image=image(lambda x: hog(x, "uoctti")),
+        name=name(lambda n: hog(IMAGE, n)),
         traceable=True,
     ),
-    Column(
+    column(
         "HOG",
-        {
-            "batch": batch(lambda x: HOG("uoctti")(x)),
-            "image": image(lambda x: HOG("uoctti", layout="native")(x)),
-            "name": name(lambda n: HOG(n)(IMAGE)),
-        },
+        batch=batch(lambda x: HOG("uoctti")(x)),
+        image=image(lambda x: HOG("uoctti", layout="native")(x)),
+        name=name(lambda n: HOG(n)(IMAGE)),
         traceable=True,
     ),
-    Column(
+    column(
         "HOGLoss",
-        {
-            "batch": batch(lambda x: LOSS(x, BATCH.flip(0)[: len(x) if hasattr(x, "__len__") else 2])),
-            "image": image(loss_of, as_batch),
-            "name": name(lambda n: loss_of(as_batch(IMAGE), n)),
-        },
+        batch=batch(lambda x: LOSS(x, BATCH.flip(0)[: len(x) if hasattr(x, "__len__") else 2])),
+        image=image(loss_of, as_batch),
+        name=name(lambda n: loss_of(as_batch(IMAGE), n)),
         traceable=True,
         types=(torch.Tensor,),
     ),
-    Column(
+    column(
         "stream",
-        {
-            "image": image(streamed),
-            "number": number(lambda n: streamed(IMAGE, memory=n), 2**15),
-            "name": name(lambda n: streamed(IMAGE, n)),
-        },
+        image=image(streamed),
+        number=number(lambda n: streamed(IMAGE, memory=n), 2**15),
+        name=name(lambda n: streamed(IMAGE, n)),
     ),
-    Column(
+    column(
         "presets",
-        {
-            "size": size(lambda s: hog(IMAGE, presets.paper(cell_size=s)), (8, 6)),
-            "number": number(lambda n: hog(IMAGE, presets.paper(bins=n)), 7),
-            "angle": angle(lambda a: hog(IMAGE, presets.paper(epsilon=a)), 2.0),
-        },
+        size=size(lambda s: hog(IMAGE, presets.paper(cell_size=s)), (8, 6)),
+        number=number(lambda n: hog(IMAGE, presets.paper(bins=n)), 7),
+        angle=angle(lambda a: hog(IMAGE, presets.paper(epsilon=a)), 2.0),
     ),
-    Column(
+    column(
         "presets.opencv",
-        {
-            "size": size(lambda s: hog(IMAGE, presets.opencv(block_size=s)), (16, 16)),
-            "number": number(lambda n: hog(IMAGE, presets.opencv(nbins=n)), 7),
-        },
+        size=size(lambda s: hog(IMAGE, presets.opencv(block_size=s)), (16, 16)),
+        number=number(lambda n: hog(IMAGE, presets.opencv(nbins=n)), 7),
     ),
-    Column(
+    column(
         "glyphs",
-        {
-            "descriptor": Use(lambda d: glyphs(d, "uoctti", 6), DESCRIPTOR[0]),
-            "number": number(lambda n: glyphs(DESCRIPTOR[0], "uoctti", n), 6),
-            "name": name(lambda n: glyphs(DESCRIPTOR[0], n, 6)),
-        },
+        descriptor=Use(lambda d: glyphs(d, "uoctti", 6), DESCRIPTOR[0]),
+        number=number(lambda n: glyphs(DESCRIPTOR[0], "uoctti", n), 6),
+        name=name(lambda n: glyphs(DESCRIPTOR[0], n, 6)),
     ),
-    Column(
+    column(
         "to_layout",
-        {
-            "descriptor": Use(lambda d: nablahog.to_layout(d, "vlfeat"), hog(SMALL, "vlfeat")),
-            "name": name(lambda n: nablahog.to_layout(DESCRIPTOR, n)),
-        },
+        descriptor=Use(lambda d: nablahog.to_layout(d, "vlfeat"), hog(SMALL, "vlfeat")),
+        name=name(lambda n: nablahog.to_layout(DESCRIPTOR, n)),
         traceable=True,
     ),
-    Column(
+    column(
         "from_layout",
-        {
-            "descriptor": Use(lambda d: nablahog.from_layout(d, "vlfeat", SIZE), NATIVE),
-            "size": size(lambda s: nablahog.from_layout(NATIVE, "vlfeat", s)),
-            "name": name(lambda n: nablahog.from_layout(hog(SMALL, "uoctti", layout="native"), n, SIZE)),
-        },
+        descriptor=Use(lambda d: nablahog.from_layout(d, "vlfeat", SIZE), NATIVE),
+        size=size(lambda s: nablahog.from_layout(NATIVE, "vlfeat", s)),
+        name=name(lambda n: nablahog.from_layout(hog(SMALL, "uoctti", layout="native"), n, SIZE)),
         traceable=True,
     ),
-    Column(
+    column(
         "save_descriptor",
-        {
-            "descriptor": Use(saved, DESCRIPTOR[0]),
-            "size": size(lambda s: saved(DESCRIPTOR[0], image_size=s)),
-            "name": name(lambda n: saved(DESCRIPTOR[0], n)),
-        },
+        descriptor=Use(saved, DESCRIPTOR[0]),
+        size=size(lambda s: saved(DESCRIPTOR[0], image_size=s)),
+        name=name(lambda n: saved(DESCRIPTOR[0], n)),
     ),
-    Column(
+    column(
         "cells",
-        {
-            "size": size(lambda s: [*cell_centres(presets.uoctti(), s)], (48, 40)),
-            "box": Use(lambda b: pixel_box(presets.uoctti(), (320, 320), b), BOX),
-        },
+        size=size(lambda s: [*cell_centres(presets.uoctti(), s)], (48, 40)),
+        box=Use(lambda b: pixel_box(presets.uoctti(), (320, 320), b), BOX),
     ),
-    Column(
+    column(
         "metrics",
-        {
-            "image": image(lambda x: metrics.ssim(x, OTHER)),
-            "angle": angle(lambda a: metrics.azimuth_error(a, 10), 30.0),
-            "number": number(lambda n: metrics.mutual_information(IMAGE, OTHER, bins=n), 16),
-        },
+        image=image(lambda x: metrics.ssim(x, OTHER)),
+        angle=angle(lambda a: metrics.azimuth_error(a, 10), 30.0),
+        number=number(lambda n: metrics.mutual_information(IMAGE, OTHER, bins=n), 16),
     ),
-    Column(
+    column(
         "metrics of views",
-        {
-            "number": number(lambda n: metrics.view([0.0, 44, 46, 350], n), 4),
-            "angle": angle(lambda a: metrics.near_view(a, 31, 8), 30.0),
-        },
+        number=number(lambda n: metrics.view([0.0, 44, 46, 350], n), 4),
+        angle=angle(lambda a: metrics.near_view(a, 31, 8), 30.0),
     ),
-    Column(
+    column(
         "compat.skimage",
-        {
-            "image": image(lambda x: skimage.hog(x, channel_axis=-1 if getattr(x, "ndim", 2) == 3 else None)),
-            "size": size(lambda s: skimage.hog(IMAGE, pixels_per_cell=s), (8, 6)),
-            "number": number(lambda n: skimage.hog(IMAGE, orientations=n), 7),
-        },
+        image=image(lambda x: skimage.hog(x, channel_axis=-1 if getattr(x, "ndim", 2) == 3 else None)),
+        size=size(lambda s: skimage.hog(IMAGE, pixels_per_cell=s), (8, 6)),
+        number=number(lambda n: skimage.hog(IMAGE, orientations=n), 7),
         types=(),
     ),
-    Column(
+    column(
         "compat.opencv",
-        {
-            "image": image(lambda x: opencv().compute(x), as_bytes),
-            "size": size(lambda s: opencv(_winSize=s).compute(as_bytes(IMAGE)), (32, 40)),
-            "number": number(lambda n: opencv(_nbins=n).compute(as_bytes(IMAGE)), 7),
-            "angle": angle(detected, 2.0),
-        },
+        image=image(lambda x: opencv().compute(x), as_bytes),
+        size=size(lambda s: opencv(_winSize=s).compute(as_bytes(IMAGE)), (32, 40)),
+        number=number(lambda n: opencv(_nbins=n).compute(as_bytes(IMAGE)), 7),
+        angle=angle(detected, 2.0),
         types=(),
     ),
-    Column(
-        "compat.opencv.score", {"batch": batch(lambda x: score(x, detector()))}, tolerance=1e-4, types=(torch.Tensor,)
-    ),
-    Column(
+    column("compat.opencv.score", batch=batch(lambda x: score(x, detector())), tolerance=1e-4, types=(torch.Tensor,)),
+    column(
         "compat.sklearn",
-        {
-            "batch": batch(transformed, lambda x: x[:, 0].numpy()),
-            "image": image(lambda x: transformed([x, x])),
-            "size": size(lambda s: transformed(SMALL.flatten(1).numpy(), image_size=s)),
-            "name": name(lambda n: transformed(BATCH[:, 0].numpy(), n)),
-        },
+        batch=batch(transformed, lambda x: x[:, 0].numpy()),
+        image=image(lambda x: transformed([x, x])),
+        size=size(lambda s: transformed(SMALL.flatten(1).numpy(), image_size=s)),
+        name=name(lambda n: transformed(BATCH[:, 0].numpy(), n)),
         types=(np.ndarray, list),
     ),
 ]

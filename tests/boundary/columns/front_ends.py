@@ -28,7 +28,7 @@ from nablahog.io.descriptor_file import load_descriptor
 from nablahog.io.images import read_image
 from nablahog.io.input_file import InputFile
 
-from ..table import Column, NotApplicable, Told, Use
+from ..table import NotApplicable, Told, Use, column
 from .files import file_of, mesh_file, stored
 from .plain import BOX, CAMERA, DESCRIPTOR, IMAGE, MASK, MESH, SIZE, angle, image, name, number, size
 
@@ -191,66 +191,54 @@ def answer_events(path: str, **more: Any) -> dict[str, Any]:
 
 
 COLUMNS = [
-    Column(
+    column(
         "command",
-        {
-            "image": image(described),
-            "descriptor": Use(pictured, DESCRIPTOR[0], lambda d: d.numpy()),
-            "name": name(lambda n: described(IMAGE, "--preset", as_words(n))),
-            "number": number(lambda n: described(IMAGE, f"--size={as_words(n)}"), 32),
-        },
+        image=image(described),
+        descriptor=Use(pictured, DESCRIPTOR[0], lambda d: d.numpy()),
+        name=name(lambda n: described(IMAGE, "--preset", as_words(n))),
+        number=number(lambda n: described(IMAGE, f"--size={as_words(n)}"), 32),
         tolerance=1e-3,
         types=(np.ndarray, Image.Image),
     ),
-    Column(
+    column(
         "page",
-        {
-            "image": image(on_page),
-            "descriptor": Use(uploaded, DESCRIPTOR[0], lambda d: d.numpy()),
-            "name": name(lambda n: on_page(IMAGE, preset=n)),
-            "number": number(lambda n: on_page(IMAGE, size=n), 32),
-        },
+        image=image(on_page),
+        descriptor=Use(uploaded, DESCRIPTOR[0], lambda d: d.numpy()),
+        name=name(lambda n: on_page(IMAGE, preset=n)),
+        number=number(lambda n: on_page(IMAGE, size=n), 32),
         tolerance=1e-3,
         types=(np.ndarray, Image.Image),
     ),
-    Column(
+    column(
         "nablahog pose",
-        {
-            "box": Use(lambda b: posed(box=b), BOX),
-            "angle": angle(lambda a: posed(init=(30, a)), 20.0),
-            "number": number(lambda n: posed(seed=n), 3),
-            "camera": Use(lambda c: posed(focal=focal(c)), CAMERA),
-            "mask": Use(lambda m: posed(mask=m), MASK),
-            "mesh": Use(lambda m: posed(mesh=m), MESH),
-        },
+        box=Use(lambda b: posed(box=b), BOX),
+        angle=angle(lambda a: posed(init=(30, a)), 20.0),
+        number=number(lambda n: posed(seed=n), 3),
+        camera=Use(lambda c: posed(focal=focal(c)), CAMERA),
+        mask=Use(lambda m: posed(mask=m), MASK),
+        mesh=Use(lambda m: posed(mesh=m), MESH),
         tolerance=0.05,
     ),
-    Column(
+    column(
         "page /api/pose",
-        {
-            "box": Use(lambda b: posed_on_page(box=b), BOX),
-            "angle": angle(lambda a: posed_on_page(initial=(30, a)), 20.0),
-            "number": number(lambda n: posed_on_page(seed=n), 3),
-            "camera": Use(lambda c: posed_on_page(focal=focal(c)), CAMERA),
-            "mesh": Use(lambda m: posed_on_page(mesh=m), MESH),
-        },
+        box=Use(lambda b: posed_on_page(box=b), BOX),
+        angle=angle(lambda a: posed_on_page(initial=(30, a)), 20.0),
+        number=number(lambda n: posed_on_page(seed=n), 3),
+        camera=Use(lambda c: posed_on_page(focal=focal(c)), CAMERA),
+        mesh=Use(lambda m: posed_on_page(mesh=m), MESH),
         tolerance=0.05,
     ),
-    Column(
+    column(
         "nablahog invert",
-        {
-            "size": size(lambda s: inverted(image_size=s)),
-            "number": number(lambda n: inverted(image_size=SIZE, seed=n), 3),
-            "name": name(lambda n: inverted(image_size=SIZE, preset=n)),
-        },
+        size=size(lambda s: inverted(image_size=s)),
+        number=number(lambda n: inverted(image_size=SIZE, seed=n), 3),
+        name=name(lambda n: inverted(image_size=SIZE, preset=n)),
         tolerance=EIGHT_BITS,
     ),
-    Column(
+    column(
         "page /api/invert",
-        {
-            "size": size(lambda s: inverted_on_page(s)),
-            "number": number(lambda n: inverted_on_page(seed=n), 3),
-        },
+        size=size(lambda s: inverted_on_page(s)),
+        number=number(lambda n: inverted_on_page(seed=n), 3),
         tolerance=EIGHT_BITS,
     ),
 ]

@@ -13,7 +13,7 @@ from nablahog import LearnedPrior, invert
 from nablahog.invert import AsPublished, Objective, Search
 from nablahog.invert.prior.signed_network import Architecture
 
-from ..table import Column, Use
+from ..table import Use, column
 from .plain import DESCRIPTOR, IMAGE, SIZE, SMALL, UNSIGNED, angle, image, name, number, size
 
 FEW = Search(max_evaluations=4, samples=1)
@@ -55,68 +55,58 @@ def trained(x: Any, spec: Any = "uoctti", epochs: Any = 1) -> Any:
 
 
 COLUMNS = [
-    Column(
+    column(
         "reconstruct",
-        {
-            "descriptor": Use(inverted, DESCRIPTOR),
-            "batch": Use(lambda x: inverted(DESCRIPTOR, start=x), SMALL),
-            "image": Use(
-                lambda x: inverted(DESCRIPTOR[:1], expected=x, search=Search(max_evaluations=4)),
-                SMALL[0, 0].numpy(),
-                lambda x: np.asarray(x, np.float32),
-            ),
-            "size": size(lambda s: published(DESCRIPTOR, image_size=s)),
-            "number": number(lambda n: published(DESCRIPTOR, seed=n), 3),
-            "name": name(lambda n: published(DESCRIPTOR, n)),
-        },
+        descriptor=Use(inverted, DESCRIPTOR),
+        batch=Use(lambda x: inverted(DESCRIPTOR, start=x), SMALL),
+        image=Use(
+            lambda x: inverted(DESCRIPTOR[:1], expected=x, search=Search(max_evaluations=4)),
+            SMALL[0, 0].numpy(),
+            lambda x: np.asarray(x, np.float32),
+        ),
+        size=size(lambda s: published(DESCRIPTOR, image_size=s)),
+        number=number(lambda n: published(DESCRIPTOR, seed=n), 3),
+        name=name(lambda n: published(DESCRIPTOR, n)),
         tolerance=LOOSE,
     ),
-    Column(
+    column(
         "Search",
-        {"number": number(lambda n: inverted(DESCRIPTOR, search=Search(max_evaluations=n, samples=1)), 4)},
+        number=number(lambda n: inverted(DESCRIPTOR, search=Search(max_evaluations=n, samples=1)), 4),
         tolerance=LOOSE,
     ),
-    Column(
+    column(
         "Objective",
-        {"angle": angle(lambda a: inverted(DESCRIPTOR, objective=Objective(smoothness=a)), 1.0)},
+        angle=angle(lambda a: inverted(DESCRIPTOR, objective=Objective(smoothness=a)), 1.0),
         tolerance=LOOSE,
     ),
-    Column(
+    column(
         "reconstruct_multiscale",
-        {
-            "context": Use(lambda d: by_levels(d, prior=None, search=FEW), DESCRIPTOR),
-            "descriptor": Use(by_levels, DESCRIPTOR),
-            "size": size(lambda s: by_levels(DESCRIPTOR, image_size=s)),
-            "number": number(lambda n: by_levels(DESCRIPTOR, seed=n), 3),
-            "name": name(lambda n: by_levels(DESCRIPTOR, n)),
-        },
+        context=Use(lambda d: by_levels(d, prior=None, search=FEW), DESCRIPTOR),
+        descriptor=Use(by_levels, DESCRIPTOR),
+        size=size(lambda s: by_levels(DESCRIPTOR, image_size=s)),
+        number=number(lambda n: by_levels(DESCRIPTOR, seed=n), 3),
+        name=name(lambda n: by_levels(DESCRIPTOR, n)),
         tolerance=LOOSE,
     ),
-    Column(
+    column(
         "samples",
-        {
-            "descriptor": Use(drawn, UNSIGNED),
-            "size": size(lambda s: drawn(UNSIGNED, image_size=s)),
-            "number": number(lambda n: drawn(UNSIGNED, count=n), 2),
-        },
+        descriptor=Use(drawn, UNSIGNED),
+        size=size(lambda s: drawn(UNSIGNED, image_size=s)),
+        number=number(lambda n: drawn(UNSIGNED, count=n), 2),
         tolerance=LOOSE,
         types=(torch.Tensor,),
     ),
-    Column(
+    column(
         "template_descriptor",
-        {
-            "descriptor": Use(lambda d: nablahog.template_descriptor(d, "uoctti", SIZE), DESCRIPTOR - 0.05),
-            "size": size(lambda s: nablahog.template_descriptor(DESCRIPTOR, "uoctti", s)),
-            "name": name(lambda n: nablahog.template_descriptor(DESCRIPTOR, n)),
-        },
+        descriptor=Use(lambda d: nablahog.template_descriptor(d, "uoctti", SIZE), DESCRIPTOR - 0.05),
+        size=size(lambda s: nablahog.template_descriptor(DESCRIPTOR, "uoctti", s)),
+        name=name(lambda n: nablahog.template_descriptor(DESCRIPTOR, n)),
     ),
-    Column(
+    column(
         "train_prior",
-        {
-            "image": image(trained, lambda x: torch.from_numpy(np.asarray(x, np.float32))),
-            "number": number(lambda n: trained(torch.from_numpy(IMAGE), epochs=n), 1),
-            "name": name(lambda n: trained(torch.from_numpy(IMAGE), n)),
-        },
+        image=image(trained, lambda x: torch.from_numpy(np.asarray(x, np.float32))),
+        number=number(lambda n: trained(torch.from_numpy(IMAGE), epochs=n), 1),
+        name=name(lambda n: trained(torch.from_numpy(IMAGE), n)),
         tolerance=1e-3,
         types=(torch.Tensor,),
     ),

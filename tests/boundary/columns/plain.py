@@ -62,14 +62,9 @@ def name(call: Any) -> Use:
     return Use(call, "uoctti")
 
 
-def number(call: Any, base: int) -> Use:
-    return Use(call, base)
-
-
-def angle(call: Any, base: float) -> Use:
-    """Any real number: angles, weights, shares."""
-    return Use(call, base)
-
-
 def size(call: Any, base: tuple[int, int] = SIZE) -> Use:
     return Use(call, base)
+
+
+number = Use
+angle = Use  # any real number: angles, weights, shares

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..table import Kind, Row
+from ..table import Kind, Row, rows
 
 HALF = 2e-3  # roundings of float16
 
@@ -63,16 +63,25 @@ def masked(x: Any, some: bool) -> Any:
     return np.ma.masked_array(x, mask)
 
 
-def with_pixel(x: Any, value: float) -> Any:
-    x = x.copy()
-    x[3, 4] = value
-    return x
+def with_pixel(value: float) -> Callable[[Any], Any]:
+    def make(x: Any) -> Any:
+        x = x.copy()
+        x[3, 4] = value
+        return x
+
+    return make
+
+
+def with_channels(count: int) -> Callable[[Any], Any]:
+    """As many alike, and a white one."""
+    return lambda x: np.stack([x] * count + [np.ones_like(x)], -1)
 
 
 def binary(x: Any) -> Any:
     return (np.asarray(x) > 0.5).astype(np.float32)
 
 
+ANY_CHANNELS = {"stream": "takes any number of channels"}
 AS_SKIMAGE = {"compat.skimage": "takes what scikit-image takes, by the same rule"}
 ONLY_BYTES = {"compat.opencv": "images of OpenCV are uint8"}
 A: Kind = "image"
@@ -100,37 +109,23 @@ IMAGE_DTYPES = [
     Row("array of strings", A, through(str), must="be refused", leaves_out=AS_SKIMAGE),
     Row("array of dates", A, lambda x: levels(x).astype("m8[s]"), must="be refused", leaves_out=AS_SKIMAGE),
 ]
-IMAGE_LAYOUTS = [
-    Row(f"array {name}", A, make, must="be taken", leaves_out=ONLY_BYTES)
-    for name, make in {
-        "read-only": read_only,
-        "negative strides": flipped,
-        "odd strides": odd_strides,
-        "every second column": spaced,
-        "Fortran order": np.asfortranarray,
-        "of a subclass": lambda x: x.view(Labelled),
-        "masked nowhere": lambda x: masked(x, False),
-    }.items()
-]
+IMAGE_LAYOUTS = {
+    "read-only": read_only,
+    "negative strides": flipped,
+    "odd strides": odd_strides,
+    "every second column": spaced,
+    "Fortran order": np.asfortranarray,
+    "of a subclass": lambda x: x.view(Labelled),
+    "masked nowhere": lambda x: masked(x, False),
+}
 IMAGE_SHAPES = [
     Row("array masked somewhere", A, lambda x: masked(x, True), must="be refused", leaves_out=AS_SKIMAGE),
     Row("array (H, W, 1)", A, lambda x: x[..., None], leaves_out={"compat.skimage": "has channel_axis"}),
     Row("array (1, H, W)", A, lambda x: x[None]),
     Row("array (1, H, W, 1)", A, lambda x: x[None, ..., None]),
     Row("array (3, H, W)", A, lambda x: np.stack([x, x, x])),
-    Row(
-        "array (H, W, 4)",
-        A,
-        lambda x: np.stack([x, x, x, np.ones_like(x)], -1),
-        warns=True,
-        leaves_out={"stream": "takes any number of channels"},
-    ),
-    Row(
-        "array (H, W, 2)",
-        A,
-        lambda x: np.stack([x, np.ones_like(x)], -1),
-        leaves_out={"stream": "takes any number of channels"},
-    ),
+    Row("array (H, W, 4)", A, with_channels(3), warns=True, leaves_out=ANY_CHANNELS),
+    Row("array (H, W, 2)", A, with_channels(1), leaves_out=ANY_CHANNELS),
     Row("array (0, W)", A, lambda x: x[:0], must="be refused"),
     Row("array ()", A, lambda x: x[0, 0], must="be refused"),
     Row("array (W,)", A, lambda x: x[0], must="be refused"),
@@ -142,38 +137,23 @@ IMAGE_SHAPES = [
         leaves_out={**AS_SKIMAGE, "stream": "does not read all of an image before it describes it"},
     ),
     Row("array below 0", A, lambda x: x - 0.5, means=lambda x: x - 0.5),
-    Row(
-        "array with NaN",
-        A,
-        lambda x: with_pixel(x, np.nan),
-        means=lambda x: with_pixel(x, np.nan),
-        leaves_out=ONLY_BYTES,
-    ),
-    Row(
-        "array with infinity",
-        A,
-        lambda x: with_pixel(x, np.inf),
-        means=lambda x: with_pixel(x, np.inf),
-        leaves_out={**ONLY_BYTES, **AS_SKIMAGE},
-    ),
+    Row("array with NaN", A, with_pixel(np.nan), means=with_pixel(np.nan), leaves_out=ONLY_BYTES),
+    Row("array with infinity", A, with_pixel(np.inf), means=with_pixel(np.inf), leaves_out=ONLY_BYTES | AS_SKIMAGE),
 ]
-IMAGE_CONTAINERS = [
-    Row(name, A, make)
-    for name, make in {
-        "list of rows": lambda x: x.tolist(),
-        "tuple of arrays": tuple,
-        "list of one array": lambda x: [x],
-        "list of one uint8 array": lambda x: [levels(x).astype(np.uint8)],
-        "what becomes an array": Holder,
-        "memoryview": memoryview,
-        "tensor (H, W)": torch.from_numpy,
-        "tensor (1, H, W)": lambda x: torch.from_numpy(x)[None],
-        "tensor (1, 1, H, W)": lambda x: torch.from_numpy(x)[None, None],
-        "tensor (1, H, W) uint8": lambda x: torch.from_numpy(levels(x).astype(np.uint8))[None],
-        "tensor (H, W) requires_grad": lambda x: torch.from_numpy(x.copy()).requires_grad_(),
-        "tensor (1, H, W) requires_grad": lambda x: torch.from_numpy(x.copy())[None].requires_grad_(),
-    }.items()
-]
+IMAGE_CONTAINERS = {
+    "list of rows": lambda x: x.tolist(),
+    "tuple of arrays": tuple,
+    "list of one array": lambda x: [x],
+    "list of one uint8 array": lambda x: [levels(x).astype(np.uint8)],
+    "what becomes an array": Holder,
+    "memoryview": memoryview,
+    "tensor (H, W)": torch.from_numpy,
+    "tensor (1, H, W)": lambda x: torch.from_numpy(x)[None],
+    "tensor (1, 1, H, W)": lambda x: torch.from_numpy(x)[None, None],
+    "tensor (1, H, W) uint8": lambda x: torch.from_numpy(levels(x).astype(np.uint8))[None],
+    "tensor (H, W) requires_grad": lambda x: torch.from_numpy(x.copy()).requires_grad_(),
+    "tensor (1, H, W) requires_grad": lambda x: torch.from_numpy(x.copy())[None].requires_grad_(),
+}
 NO_IMAGES = [
     Row(
         f"no image: {name}",
@@ -195,4 +175,10 @@ NO_IMAGES = [
 ]
 
 
-ROWS = [*IMAGE_DTYPES, *IMAGE_LAYOUTS, *IMAGE_SHAPES, *IMAGE_CONTAINERS, *NO_IMAGES]
+ROWS = [
+    *IMAGE_DTYPES,
+    *rows(A, IMAGE_LAYOUTS, prefix="array", must="be taken", leaves_out=ONLY_BYTES),
+    *IMAGE_SHAPES,
+    *[Row(name, A, make) for name, make in IMAGE_CONTAINERS.items()],
+    *NO_IMAGES,
+]

@@ -11,9 +11,9 @@ import pickle
 import subprocess
 import sys
 import tempfile
-import threading
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
@@ -37,41 +37,13 @@ def inside(context: Callable[[], AbstractContextManager[Any]]) -> Callable[[Call
 
 
 @contextmanager
-def default_dtype(dtype: torch.dtype) -> Iterator[None]:
-    before = torch.get_default_dtype()
-    torch.set_default_dtype(dtype)
+def setting(change: Callable[[Any], Any], value: Any, before: Any) -> Iterator[None]:
+    """A setting of the whole process."""
+    change(value)
     try:
         yield
     finally:
-        torch.set_default_dtype(before)
-
-
-@contextmanager
-def deterministic() -> Iterator[None]:
-    torch.use_deterministic_algorithms(True)
-    try:
-        yield
-    finally:
-        torch.use_deterministic_algorithms(False)
-
-
-@contextmanager
-def two_threads() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@contextmanager
-def no_grad_globally() -> Iterator[None]:
-    torch.set_grad_enabled(False)
-    try:
-        yield
-    finally:
-        torch.set_grad_enabled(True)
+        change(before)
 
 
 @contextmanager
@@ -86,61 +58,23 @@ def elsewhere() -> Iterator[None]:
         os.chdir(before)
 
 
-@contextmanager
-def without_output() -> Iterator[None]:
-    """As under pythonw and cron: no standard output at all."""
-    before = sys.stdout
-    sys.stdout = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        sys.stdout = before
-
-
 def twice(call: Call) -> Any:
     call.run()
     return call.run()
 
 
 def in_a_thread(call: Call) -> Any:
-    results: list[Any] = []
-
-    def work() -> None:
-        try:
-            results.append(call.run())
-        except Exception as error:
-            results.append(error)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    if isinstance(results[0], Exception):
-        raise results[0]
-    return results[0]
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(call.run).result()
 
 
 def in_two_threads(call: Call) -> Any:
     """Two at once; of the first, and the second one has to be the same."""
-    results: dict[int, Any] = {}
-
-    def work(number: int) -> None:
-        try:
-            results[number] = numbers(call.run())
-        except Exception as error:
-            results[number] = error
-
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for result in results.values():
-        if isinstance(result, Exception):
-            raise result
-    tolerance = call.column.tolerance
-    if not np.allclose(results[0], results[1], rtol=0, atol=tolerance, equal_nan=True):
+    with ThreadPoolExecutor(2) as pool:
+        one, other = pool.map(lambda _: numbers(call.run()), range(2))
+    if not np.allclose(one, other, rtol=0, atol=call.column.tolerance, equal_nan=True):
         raise AssertionError("two threads get different results")
-    return results[0]
+    return one
 
 
 def forked(call: Call) -> Any:
@@ -260,19 +194,19 @@ def differentiated(call: Call) -> Any:
 
 CONTEXTS: dict[str, Callable[[], AbstractContextManager[Any]]] = {
     "no_grad": torch.no_grad,
-    "set_grad_enabled(False)": no_grad_globally,
+    "set_grad_enabled(False)": lambda: torch.set_grad_enabled(False),
     "inference_mode": torch.inference_mode,
     "autocast bfloat16": lambda: torch.autocast("cpu", torch.bfloat16),
-    "default dtype float64": lambda: default_dtype(torch.float64),
-    "default dtype float16": lambda: default_dtype(torch.float16),
+    "default dtype float64": lambda: setting(torch.set_default_dtype, torch.float64, torch.float32),
+    "default dtype float16": lambda: setting(torch.set_default_dtype, torch.float16, torch.float32),
     "default device elsewhere": lambda: torch.device("meta"),
-    "deterministic algorithms": deterministic,
+    "deterministic algorithms": lambda: setting(torch.use_deterministic_algorithms, True, False),
     "np.errstate(all='raise')": lambda: np.errstate(all="raise"),
     "decimal context": decimal.localcontext,
-    "two threads of PyTorch": two_threads,
+    "two threads of PyTorch": lambda: setting(torch.set_num_threads, 2, 1),
     "saved tensors on the CPU": torch.autograd.graph.save_on_cpu,
     "a folder that is gone": elsewhere,
-    "no standard output": without_output,
+    "no standard output": lambda: redirect_stdout(None),  # as under pythonw and cron
 }
 RUNS: dict[str, Callable[[Call], Any]] = {
     "twice": twice,

@@ -10,11 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..table import Kind, Row
+from ..table import Kind, Row, rows
 from .arrays import HALF, Holder, masked, odd_strides, read_only
 
+D: Kind = "descriptor"
 BRAIN = 2e-2  # roundings of bfloat16
 MOVED = dict.fromkeys(("to_layout", "from_layout"), "moves entries of any kind")
+SHAPED = ("hog", "HOG", *MOVED, "HOGLoss", "compat.opencv", "compat.opencv.score", "scale_descriptors")
+SHAPES = dict.fromkeys(SHAPED, "shapes alone are a result")
 LEVELS = {"reconstruct_multiscale": "a list has a descriptor for each scale"}
 
 
@@ -48,17 +51,7 @@ def of_tensors(kind: Kind, prefix: str, must: Any = "be taken") -> list[Row]:
         Row(f"{prefix} in a generator", kind, lambda x: (part for part in x)),
         Row(f"{prefix} empty", kind, lambda x: x[:0], means=lambda x: x[:0]),
         Row(f"{prefix} with NaN", kind, with_nan, means=with_nan),
-        Row(
-            f"{prefix} on the device meta",
-            kind,
-            lambda x: x.to("meta"),
-            must="be refused",
-            leaves_out=dict.fromkeys(
-                ("hog", "HOG", "to_layout", "from_layout", "HOGLoss", "compat.opencv", "compat.opencv.score"),
-                "shapes alone are a result",
-            )
-            | {"scale_descriptors": "shapes alone are a result"},
-        ),
+        Row(f"{prefix} on the device meta", kind, lambda x: x.to("meta"), must="be refused", leaves_out=SHAPES),
     ]
 
 
@@ -105,41 +98,34 @@ BATCHES = [
     Row("batch list of (H, W) uint8", "batch", lambda x: list((x[:, 0] * 255).round().numpy().astype(np.uint8))),
     *of_tensors("batch", "batch"),
 ]
+ARRAYS_TAKEN = {
+    "big-endian": lambda x: x.numpy().astype(">f4"),
+    "read-only": lambda x: read_only(x.numpy()),
+    "odd strides": lambda x: odd_strides(x.numpy()),
+    "negative strides": lambda x: np.ascontiguousarray(x.numpy()[..., ::-1])[..., ::-1],
+    "Fortran order": lambda x: np.asfortranarray(x.numpy()),
+}
+
+
+def eighths(x: Tensor) -> Tensor:
+    return (x * 8).round()
+
+
 DESCRIPTORS = [
     *of_tensors("descriptor", "descriptor"),
-    Row("descriptor array", "descriptor", lambda x: x.numpy(), must="be taken"),
-    Row("descriptor array float64", "descriptor", lambda x: x.double().numpy(), tolerance=1e-5, must="be taken"),
-    Row(
-        "descriptor array float16",
-        "descriptor",
-        lambda x: x.half().numpy(),
-        means=rounded(torch.float16),
-        tolerance=HALF,
-    ),
-    Row("descriptor array big-endian", "descriptor", lambda x: x.numpy().astype(">f4"), must="be taken"),
-    Row("descriptor array read-only", "descriptor", lambda x: read_only(x.numpy()), must="be taken"),
-    Row("descriptor array odd strides", "descriptor", lambda x: odd_strides(x.numpy()), must="be taken"),
-    Row(
-        "descriptor array negative strides",
-        "descriptor",
-        lambda x: np.ascontiguousarray(x.numpy()[..., ::-1])[..., ::-1],
-        must="be taken",
-    ),
-    Row("descriptor array Fortran order", "descriptor", lambda x: np.asfortranarray(x.numpy()), must="be taken"),
-    Row("descriptor array masked somewhere", "descriptor", lambda x: masked(x.numpy(), True), must="be refused"),
-    Row("descriptor array of objects", "descriptor", lambda x: x.numpy().astype(object)),
-    Row(
-        "descriptor array int64",
-        "descriptor",
-        lambda x: (x * 8).round().long().numpy(),
-        means=lambda x: (x * 8).round(),
-    ),
-    Row("descriptor int64", "descriptor", lambda x: (x * 8).round().long(), means=lambda x: (x * 8).round()),
-    Row("descriptor without its first axis", "descriptor", lambda x: x[0], means=lambda x: x[:1]),
-    Row("descriptor array without its first axis", "descriptor", lambda x: x[0].numpy(), means=lambda x: x[:1]),
-    Row("descriptor with one more axis", "descriptor", lambda x: x[None]),
-    Row("descriptor flat", "descriptor", lambda x: x.flatten()),
-    Row("descriptor what becomes an array", "descriptor", lambda x: Holder(x.numpy())),
+    Row("descriptor array", D, lambda x: x.numpy(), must="be taken"),
+    Row("descriptor array float64", D, lambda x: x.double().numpy(), tolerance=1e-5, must="be taken"),
+    *rows(D, ARRAYS_TAKEN, prefix="descriptor array", must="be taken"),
+    Row("descriptor array float16", D, lambda x: x.half().numpy(), means=rounded(torch.float16), tolerance=HALF),
+    Row("descriptor array masked somewhere", D, lambda x: masked(x.numpy(), True), must="be refused"),
+    Row("descriptor array of objects", D, lambda x: x.numpy().astype(object)),
+    Row("descriptor array int64", D, lambda x: eighths(x).long().numpy(), means=eighths),
+    Row("descriptor int64", D, lambda x: eighths(x).long(), means=eighths),
+    Row("descriptor without its first axis", D, lambda x: x[0], means=lambda x: x[:1]),
+    Row("descriptor array without its first axis", D, lambda x: x[0].numpy(), means=lambda x: x[:1]),
+    Row("descriptor with one more axis", D, lambda x: x[None]),
+    Row("descriptor flat", D, lambda x: x.flatten()),
+    Row("descriptor what becomes an array", D, lambda x: Holder(x.numpy())),
     *[
         Row(f"no descriptor: {name}", "descriptor", lambda _, value=value: value, must="be refused")
         for name, value in {

@@ -13,7 +13,7 @@ import torch
 
 from nablahog import presets
 
-from ..table import Kind, Row
+from ..table import Kind, Row, rows
 
 TENSOR = torch.tensor
 LARGE = 10**30
@@ -86,65 +86,77 @@ def scalars(kind: Kind, of: type) -> list[Row]:
     ]
 
 
+SIZES_TAKEN = {
+    "list": list,
+    "np.int64": lambda s: tuple(map(np.int64, s)),
+    "array int64": np.array,
+    "array int32": lambda s: np.array(s, np.int32),
+    "array uint8": lambda s: np.array(s, np.uint8),
+    "tensor": TENSOR,
+    "torch.Size": torch.Size,
+    "tensors": lambda s: tuple(map(TENSOR, s)),
+    "of an enumeration": lambda s: tuple(enum.IntEnum("Side", {"H": s[0], "W": s[1]}).__members__.values()),
+}
+SIZES_REFUSED = {
+    "of three numbers": lambda s: (*s, 3),
+    "array of three numbers": lambda s: np.array([*s, 3]),
+    "of one number in a tuple": lambda s: s[:1],
+    "halves": lambda s: tuple(n + 0.5 for n in s),
+    "array of halves": lambda s: np.array(s) + 0.5,
+    "negative": lambda s: (-s[0], s[1]),
+    "zero": lambda s: (0, s[1]),
+    "booleans": lambda s: (True, True),
+    "NaN": lambda s: (float("nan"), s[1]),
+    "array (2, 2)": lambda s: np.array([s, s]),
+    "of None": lambda s: (None, s[1]),
+    "empty": lambda s: (),
+    "a dict": lambda s: {"height": s[0], "width": s[1]},
+    "very large": lambda s: (LARGE, LARGE),
+}
 SIZES = [
-    *[
-        Row(f"size {name}", "size", make, must="be taken")
-        for name, make in {
-            "list": list,
-            "np.int64": lambda s: tuple(map(np.int64, s)),
-            "array int64": np.array,
-            "array int32": lambda s: np.array(s, np.int32),
-            "array uint8": lambda s: np.array(s, np.uint8),
-            "tensor": TENSOR,
-            "torch.Size": torch.Size,
-            "tensors": lambda s: tuple(map(TENSOR, s)),
-            "of an enumeration": lambda s: tuple(enum.IntEnum("Side", {"H": s[0], "W": s[1]}).__members__.values()),
-        }.items()
-    ],
+    *rows("size", SIZES_TAKEN, must="be taken"),
     Row("size one number", "size", lambda s: s[0], means=lambda s: (s[0], s[0])),
     Row("size np.int64 alone", "size", lambda s: np.int64(s[0]), means=lambda s: (s[0], s[0])),
     Row("size whole floats", "size", lambda s: tuple(map(float, s))),
     Row("size array of whole floats", "size", lambda s: np.array(s, float)),
     Row("size text", "size", lambda s: f"{s[0]}x{s[1]}"),
     Row("size iterator", "size", iter),
-    *[
-        Row(f"size {name}", "size", make, must="be refused")
-        for name, make in {
-            "of three numbers": lambda s: (*s, 3),
-            "array of three numbers": lambda s: np.array([*s, 3]),
-            "of one number in a tuple": lambda s: s[:1],
-            "halves": lambda s: tuple(n + 0.5 for n in s),
-            "array of halves": lambda s: np.array(s) + 0.5,
-            "negative": lambda s: (-s[0], s[1]),
-            "zero": lambda s: (0, s[1]),
-            "booleans": lambda s: (True, True),
-            "NaN": lambda s: (float("nan"), s[1]),
-            "array (2, 2)": lambda s: np.array([s, s]),
-            "of None": lambda s: (None, s[1]),
-            "empty": lambda s: (),
-            "a dict": lambda s: {"height": s[0], "width": s[1]},
-            "very large": lambda s: (LARGE, LARGE),
-        }.items()
-    ],
+    *rows("size", SIZES_REFUSED, must="be refused"),
 ]
+BOXES_TAKEN = {
+    "list": list,
+    "floats": lambda b: tuple(map(float, b)),
+    "array int64": np.array,
+    "array int32": lambda b: np.array(b, np.int32),
+    "array float32": lambda b: np.array(b, np.float32),
+    "array float64": lambda b: np.array(b, float),
+    "np.float32": lambda b: tuple(map(np.float32, b)),
+    "tensor float32": lambda b: TENSOR(b, dtype=torch.float32),
+    "tensor int64": TENSOR,
+    "tensors": lambda b: [TENSOR(float(side)) for side in b],
+    "tensor requires_grad": lambda b: TENSOR(b, dtype=torch.float32, requires_grad=True),
+    "array read-only": lambda b: np.broadcast_to(np.array(b, np.float32), (2, 4))[0],
+}
+BOXES_REFUSED = {
+    "three numbers": lambda b: b[:3],
+    "one number": lambda b: b[0],
+    "NaN": lambda b: (float("nan"), *b[1:]),
+    "array with NaN": lambda b: np.array([np.nan, *b[1:]]),
+    "x, y, width, height": lambda b: (30, 30, 12, 14),
+    "upside down": lambda b: (b[2], b[3], b[0], b[1]),
+    "outside": lambda b: (500, 500, 600, 600),
+    "empty": lambda b: (),
+    "of two boxes": lambda b: np.array([b, b]),
+    "infinite": lambda b: (*b[:3], float("inf")),
+    "None inside": lambda b: (None, *b[1:]),
+    "a dict": lambda b: dict(zip("xywh", b, strict=True)),
+    "complex": lambda b: np.array(b, complex),
+    "words": lambda b: tuple("abcd"),
+    "very large": lambda b: (LARGE,) * 4,
+    "masked": lambda b: np.ma.masked_array(b, [1, 0, 0, 0]),
+}
 BOXES = [
-    *[
-        Row(f"box {name}", "box", make, must="be taken", tolerance=1e-4)
-        for name, make in {
-            "list": list,
-            "floats": lambda b: tuple(map(float, b)),
-            "array int64": np.array,
-            "array int32": lambda b: np.array(b, np.int32),
-            "array float32": lambda b: np.array(b, np.float32),
-            "array float64": lambda b: np.array(b, float),
-            "np.float32": lambda b: tuple(map(np.float32, b)),
-            "tensor float32": lambda b: TENSOR(b, dtype=torch.float32),
-            "tensor int64": TENSOR,
-            "tensors": lambda b: [TENSOR(float(side)) for side in b],
-            "tensor requires_grad": lambda b: TENSOR(b, dtype=torch.float32, requires_grad=True),
-            "array read-only": lambda b: np.broadcast_to(np.array(b, np.float32), (2, 4))[0],
-        }.items()
-    ],
+    *rows("box", BOXES_TAKEN, must="be taken", tolerance=1e-4),
     Row("box array (1, 4)", "box", lambda b: np.array([b], np.float32)),
     Row("box in a list", "box", lambda b: [b]),
     Row("box array float16", "box", lambda b: np.array(b, np.float16), tolerance=1e-4),
@@ -153,27 +165,7 @@ BOXES = [
     Row("box one text", "box", lambda b: ",".join(map(str, b))),
     Row("box with a score", "box", lambda b: (*b, 0.9)),
     Row("box detector's row", "box", lambda b: np.array([*b, 0.9, 7], np.float32)),
-    *[
-        Row(f"box {name}", "box", make, must="be refused")
-        for name, make in {
-            "three numbers": lambda b: b[:3],
-            "one number": lambda b: b[0],
-            "NaN": lambda b: (float("nan"), *b[1:]),
-            "array with NaN": lambda b: np.array([np.nan, *b[1:]]),
-            "x, y, width, height": lambda b: (30, 30, 12, 14),
-            "upside down": lambda b: (b[2], b[3], b[0], b[1]),
-            "outside": lambda b: (500, 500, 600, 600),
-            "empty": lambda b: (),
-            "of two boxes": lambda b: np.array([b, b]),
-            "infinite": lambda b: (*b[:3], float("inf")),
-            "None inside": lambda b: (None, *b[1:]),
-            "a dict": lambda b: dict(zip("xywh", b, strict=True)),
-            "complex": lambda b: np.array(b, complex),
-            "words": lambda b: tuple("abcd"),
-            "very large": lambda b: (LARGE,) * 4,
-            "masked": lambda b: np.ma.masked_array(b, [1, 0, 0, 0]),
-        }.items()
-    ],
+    *rows("box", BOXES_REFUSED, must="be refused"),
 ]
 
 

@@ -20,10 +20,9 @@ from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
 from nablahog.hog.descriptor import Backend, histograms, normalize
 from nablahog.hog.engine import REFERENCE
 from nablahog.hog.kernels.loops import NATIVE_ENGINE, find_loops, supports
-from nablahog.hog.normalizers import PerCell
 from nablahog.hog.steps import histograms_reference, normalize_reference
 
-from ..zoo import SPECS, integers, noise, spec
+from ..zoo import SPECS, bytes_of, integers, noise, spec, threads, waves
 
 BACKENDS: tuple[Backend, ...] = ("auto", "torch")
 DTYPES = [torch.float32, torch.float64]
@@ -41,10 +40,8 @@ def with_derivatives(step: Any, x: Tensor, s: HOGSpec) -> tuple[Tensor, Tensor, 
     """A step's result, its vjp and its jvp, with a fixed cotangent and tangent."""
     x = x.detach().requires_grad_()
     result = step(x, s)
-    weights = torch.linspace(0, 40, result.numel(), dtype=x.dtype).cos().view(result.shape)
-    (derivative,) = torch.autograd.grad((result * weights).sum(), x)
-    change = torch.linspace(1, 30, x.numel(), dtype=x.dtype).sin().view(x.shape)
-    changed = torch.func.jvp(lambda of: step(of, s), (x.detach(),), (change,))[1]
+    (derivative,) = torch.autograd.grad(result, x, waves(result))
+    changed = torch.func.jvp(lambda of: step(of, s), (x.detach(),), (waves(x.detach(), 30),))[1]
     return result.detach(), derivative, changed
 
 
@@ -85,11 +82,7 @@ def test_on_kinks_too(name: str, dtype: torch.dtype) -> None:
 @specs
 def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     """Colour ties and bins of hard votes are decided alike."""
-    s, x = (
-        SPECS[name],
-        torch.randint(256, (2, 3, 30, 29), dtype=torch.uint8, generator=torch.Generator().manual_seed(1)),
-    )
-    x[1] //= 32
+    s, x = SPECS[name], bytes_of(30, 29)
     plain = histograms_reference(x, s)
     assert_close(histograms(x, s), plain, rtol=0, atol=2e-6 * float(plain.max()))
 
@@ -216,31 +209,25 @@ def test_no_unwritten_memory_is_read() -> None:
 @pytest.mark.parametrize("name", ["paper", "uoctti", "opencv", "skimage", "maskfeat"])
 def test_threads_change_nothing(name: str) -> None:
     """Neither in a batch nor in one large image: every sum is made in the same order."""
-    s, before = SPECS[name], torch.get_num_threads()
+    s = SPECS[name]
     for x in (noise(5, 3, 40, 40, dtype=torch.float32), noise(1, 3, 300, 310, dtype=torch.float32)):
         cotangent, results = noise(*hog(x, s).shape, dtype=torch.float32), []
         x.requires_grad_()
-        for threads in (1, 2, 3):
-            torch.set_num_threads(threads)
-            try:
+        for count in (1, 2, 3):
+            with threads(count):
                 descriptor = hog(x, s)
                 results.append((descriptor, *torch.autograd.grad(descriptor, x, cotangent)))
-            finally:
-                torch.set_num_threads(before)
         for one, other in zip(results[0] * 2, results[1] + results[2], strict=True):
             assert torch.equal(one, other)
 
 
+@pytest.mark.usefixtures("two_threads")
 def test_nan_in_the_rows_of_one_thread_reaches_all() -> None:
-    s, before, x = SPECS["uoctti"], torch.get_num_threads(), noise(1, 3, 300, 310, dtype=torch.float32)
+    s, x = SPECS["uoctti"], noise(1, 3, 300, 310, dtype=torch.float32)
     x[0, 2, -1, 0] = torch.nan
     x.requires_grad_()
-    torch.set_num_threads(2)
-    try:
-        descriptor = hog(x, s)
-        (grad,) = torch.autograd.grad(descriptor.sum(), x)
-    finally:
-        torch.set_num_threads(before)
+    descriptor = hog(x, s)
+    (grad,) = torch.autograd.grad(descriptor.sum(), x)
     assert descriptor.isnan().all()
     assert grad.isnan().all()
 
@@ -260,13 +247,9 @@ def _in_a_fork(queue: Any) -> None:
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # which threads in general may not survive
 def test_in_forked_workers() -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
+    with threads(2):
         noise(1, 1, 2000, 2000).sqrt()  # OpenMP's threads do not come along, nor do ours
         expected = hog(noise(4, 1, 40, 40), SPECS["uoctti"])
-    finally:
-        torch.set_num_threads(before)
     context = multiprocessing.get_context("fork")
     queue = context.Queue()
     worker = context.Process(target=_in_a_fork, args=(queue,))
@@ -275,28 +258,6 @@ def test_in_forked_workers() -> None:
     worker.join(timeout=60)
     assert worker.exitcode == 0
     assert torch.equal(descriptor, expected)
-
-
-@dataclass(frozen=True)
-class RootNorm(PerCell):
-    """One of a user's own, without a loop."""
-
-    kind: ClassVar[str] = "root"
-    fixes_contrast = True
-
-    def reach(self) -> int | None:
-        return 0
-
-    def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
-        return (histograms + 1).sqrt()
-
-
-@dtypes
-def test_a_normaliser_without_a_loop_runs_as_it_is(dtype: torch.dtype) -> None:
-    s, image = spec(normalizer=RootNorm()), noise(2, 1, 20, 17, dtype=dtype).requires_grad_()
-    results = [hog(image, s, backend=backend) for backend in BACKENDS]
-    assert_close(*results, rtol=1e-5, atol=1e-6)
-    assert_close(*(torch.autograd.grad(each.sin().sum(), image)[0] for each in results), rtol=1e-4, atol=1e-4)
 
 
 @dataclass(frozen=True)
