@@ -12,7 +12,7 @@ import pytest
 import torch
 import trimesh
 from PIL import Image
-from trimesh.visual.material import PBRMaterial, SimpleMaterial
+from trimesh.visual.material import PBRMaterial
 
 from nablahog.render.mesh import Mesh, axes, load_mesh
 
@@ -192,20 +192,17 @@ def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
         assert (load_mesh(path).brightness == 0.8).all()
 
 
-def test_materials_of_glb(tmp_path: Path) -> None:
-    def loaded(material: PBRMaterial | SimpleMaterial) -> Mesh:
-        visual = trimesh.visual.TextureVisuals(uv=np.array([(0.2, 0.2), (0.8, 0.2), (0.2, 0.8)]), material=material)
-        mesh = trimesh.Trimesh([(0, 0, 0), (2, 0, 0), (0, 1, 0)], [(0, 1, 2)], visual=visual, process=False)
-        return load_mesh(write(tmp_path, "a.glb", mesh.export(file_type="glb")))
+TEXTURE = {"baseColorTexture": Image.new("RGB", (8, 8), (51, 51, 51))}
+FACTOR = {"baseColorFactor": [0.0, 1.0, 0.0, 1.0]}
 
-    half = loaded(PBRMaterial(baseColorFactor=[0.0, 1.0, 0.0, 1.0]))
-    torch.testing.assert_close(half.brightness, torch.full((3,), GREEN, dtype=torch.float64))
-    dark = loaded(PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (51, 51, 51))))
-    torch.testing.assert_close(dark.brightness, torch.full((3,), 0.2, dtype=torch.float64))
-    both = loaded(
-        PBRMaterial(baseColorTexture=Image.new("RGB", (8, 8), (51, 51, 51)), baseColorFactor=[0.0, 1.0, 0.0, 1.0])
-    )
-    torch.testing.assert_close(both.brightness, torch.full((3,), 0.2 * GREEN, dtype=torch.float64))
+
+@pytest.mark.parametrize(("material", "brightness"), [(FACTOR, GREEN), (TEXTURE, 0.2), (TEXTURE | FACTOR, 0.2 * GREEN)])
+def test_materials_of_glb(tmp_path: Path, material: dict[str, Any], brightness: float) -> None:
+    places = np.array([(0.2, 0.2), (0.8, 0.2), (0.2, 0.8)])
+    visual = trimesh.visual.TextureVisuals(uv=places, material=PBRMaterial(**material))
+    made = trimesh.Trimesh([(0, 0, 0), (2, 0, 0), (0, 1, 0)], [(0, 1, 2)], visual=visual, process=False)
+    mesh = load_mesh(write(tmp_path, "a.glb", made.export(file_type="glb")))
+    torch.testing.assert_close(mesh.brightness, torch.full((3,), brightness, dtype=torch.float64))
 
 
 def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:

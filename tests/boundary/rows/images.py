@@ -72,9 +72,9 @@ def opaque(mode: str) -> Callable[[NDArray[Any]], Image.Image]:
     return lambda x: coloured(x).convert(mode)
 
 
-def as_rgb(mode: str) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """What Pillow itself makes of a mode: (H, W, 3) in 0…1."""
-    return lambda x: np.asarray(coloured(x).convert(mode).convert("RGB")).astype(np.float32) / np.float32(255)
+def as_rgb(make: Callable[[NDArray[Any]], Image.Image]) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """What Pillow itself makes of an image: (H, W, 3) in 0…1."""
+    return lambda x: np.asarray(make(x).convert("RGB")).astype(np.float32) / np.float32(255)
 
 
 def reopened(image: Image.Image, form: str = "PNG", **more: Any) -> Image.Image:
@@ -115,14 +115,15 @@ def lab(x: NDArray[Any]) -> Image.Image:
     return Image.merge("LAB", coloured(x).split())
 
 
+def quantized(x: NDArray[Any]) -> Image.Image:
+    return coloured(x).quantize(64)
+
+
 MODES = {
     "L": (gray, None),
     "1": (lambda x: gray(x).convert("1", dither=Image.Dither.NONE), lambda x: (levels(x) > 127).astype(np.float32)),
     "P": (lambda x: gray(x).convert("P"), None),
-    "P of colours": (
-        lambda x: coloured(x).quantize(64),
-        lambda x: np.asarray(coloured(x).quantize(64).convert("RGB")) / np.float32(255),
-    ),
+    "P of colours": (quantized, as_rgb(quantized)),
     "RGB": (coloured, colours),
     "RGBA opaque": (opaque("RGBA"), colours),
     "RGBX": (opaque("RGBX"), colours),
@@ -130,10 +131,8 @@ MODES = {
     "LA half transparent": (with_alpha("LA"), over_white),
     "RGBa half transparent": (lambda x: with_alpha("RGBA")(x).convert("RGBa"), lambda x: over_white(colours(x))),
     "P with transparency": (palette_with_transparency, None),
-    "CMYK": (opaque("CMYK"), as_rgb("CMYK")),
-    "YCbCr": (opaque("YCbCr"), as_rgb("YCbCr")),
-    "HSV": (opaque("HSV"), as_rgb("HSV")),
-    "LAB": (lab, lambda x: np.asarray(lab(x).convert("RGB")).astype(np.float32) / np.float32(255)),
+    **{mode: (opaque(mode), as_rgb(opaque(mode))) for mode in ("CMYK", "YCbCr", "HSV")},
+    "LAB": (lab, as_rgb(lab)),
     "I;16": (lambda x: Image.fromarray(sixteen(x)), None),
     "I;16B": (lambda x: reopened(Image.fromarray(sixteen(x)), "TIFF", big_endian=True), None),
     "I": (lambda x: Image.fromarray(sixteen(x).astype(np.int32)), None),
