@@ -4,10 +4,12 @@ import io
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import skimage.io  # noqa: F401  (here: its first import changes the filters of warnings, of all threads, for a moment)
+from numpy.typing import NDArray
 from PIL import Image
 from starlette.testclient import TestClient
 
@@ -22,6 +24,18 @@ def documented_fields(event: str) -> set[str]:
     """The fields of an event of a stream on the page that describes them."""
     section = EVENTS.read_text(encoding="utf-8").split(f"\n### {event}\n")[1].split("\n### ")[0]
     return {name for row in re.findall(r"^\| (`.*?) \|", section, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)}
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def npz(**arrays: NDArray[Any]) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+    return file.getvalue()
 
 
 @pytest.fixture(scope="module")

@@ -55,17 +55,31 @@ def page(browser: Page) -> Iterator[Page]:
     browser.requested()
     browser.complaints()
     yield browser
-    own = (
-        browser.address,
-        browser.address.replace("http", "ws"),
-        "data:",
-        "blob:",
-        "about:",
-        "chrome:",
-        "chrome-untrusted:",
-    )
+    schemes = [f"{scheme}:" for scheme in ("data", "blob", "about", "chrome", "chrome-untrusted")]
+    own = (browser.address, browser.address.replace("http", "ws"), *schemes)
     assert [url for url in browser.requested() if not url.startswith(own)] == []
     assert browser.complaints() == []
+
+
+def wait_for_file(folder: Path, ending: str) -> None:
+    end = time.monotonic() + WAIT
+    while not list(folder.glob(f"*{ending}")):
+        assert time.monotonic() < end, f"no {ending} was downloaded"
+        time.sleep(0.1)
+
+
+def refused_and_expected(page: Page) -> None:
+    """Answers that are no success are told by the console, too, as they should be here."""
+    assert all("422" in each for each in page.complaints())
+
+
+def drop(page: Page, **contents: str) -> None:
+    """Drops files of these names, with a dot for each underscore, and contents."""
+    files = ", ".join(f"new File([{json.dumps(text)}], '{name.replace('_', '.')}')" for name, text in contents.items())
+    page.read(
+        f"(() => {{ const dropped = new DataTransfer(); for (const file of [{files}]) dropped.items.add(file);"
+        "document.dispatchEvent(new DragEvent('drop', { dataTransfer: dropped, cancelable: true })); })()"
+    )
 
 
 @in_a_browser
@@ -87,13 +101,6 @@ def test_see(page: Page, folder: Path) -> None:
     assert load_descriptor(next((folder / "downloads").glob("*.npz"))).descriptor.shape == (8, 8, 31)
 
 
-def wait_for_file(folder: Path, ending: str) -> None:
-    end = time.monotonic() + WAIT
-    while not list(folder.glob(f"*{ending}")):
-        assert time.monotonic() < end, f"no {ending} was downloaded"
-        time.sleep(0.1)
-
-
 @in_a_browser
 def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     """One row, which no normaliser has made: the presets whose descriptors have its length come first."""
@@ -111,11 +118,6 @@ def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     page.until("document.querySelector('#shape').textContent.includes('paper')")
     page.idle()
     refused_and_expected(page)
-
-
-def refused_and_expected(page: Page) -> None:
-    """Answers that are no success are told by the console, too, as they should be here."""
-    assert all("422" in each for each in page.complaints())
 
 
 @in_a_browser
@@ -139,15 +141,6 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     page.until("document.querySelector('#alert').textContent.includes('broken.png: expected an image')")
     assert "tiny.png stays open" in page.text("#alert")
     refused_and_expected(page)
-
-
-def drop(page: Page, **contents: str) -> None:
-    """Drops files of these names, with a dot for each underscore, and contents."""
-    files = ", ".join(f"new File([{json.dumps(text)}], '{name.replace('_', '.')}')" for name, text in contents.items())
-    page.read(
-        f"(() => {{ const dropped = new DataTransfer(); for (const file of [{files}]) dropped.items.add(file);"
-        "document.dispatchEvent(new DragEvent('drop', { dataTransfer: dropped, cancelable: true })); })()"
-    )
 
 
 @in_a_browser
@@ -269,10 +262,8 @@ def test_the_file_of_a_camera(page: Page, folder: Path) -> None:
     page.open(page.read("location.hash"))
     page.idle()
     assert page.read("document.querySelector('#distortion').value") == "-0.2, 0.05, 0, 0, 0"
-    for intrinsics, words in (
-        ("320, 300, 100", "fx, fy, cx, cy"),
-        ("", "“Focal length” or “Intrinsics”"),
-    ):  # the labels
+    labels = "“Focal length” or “Intrinsics”"
+    for intrinsics, words in (("320, 300, 100", "fx, fy, cx, cy"), ("", labels)):
         page.enter("#intrinsics", intrinsics)
         page.click("#fit-open")
         page.until(f"document.querySelector('#alert').textContent.includes('{words}')")
@@ -334,9 +325,8 @@ def test_accessible(address: str, tmp_path: Path, width: int, dark: bool) -> Non
 def test_types_of_the_scripts() -> None:
     node = shutil.which("node")
     assert node is not None
-    checked = subprocess.run(
-        [str(TSC), "--project", str(JS / "tsconfig.json")], capture_output=True, text=True, check=False
-    )
+    command = [str(TSC), "--project", str(JS / "tsconfig.json")]
+    checked = subprocess.run(command, capture_output=True, text=True, check=False)
     assert checked.returncode == 0, checked.stdout
 
 

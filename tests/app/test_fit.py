@@ -119,12 +119,6 @@ def test_a_sentence_says_what_is_wrong(client: TestClient, message: str, sentenc
         assert answer["error"].startswith(sentence), answer
 
 
-def test_one_shot(client: TestClient) -> None:
-    figures = client.post("/api/pose", json={**SCENE, "box": box(client), "initial": [20, 20]}).json()
-    assert abs(figures["azimuth"] - TRUE) < 10
-    assert figures["settings"]["method"] == "best"
-
-
 def test_the_camera_of_the_photograph(client: TestClient) -> None:
     asked = {**SCENE, "box": box(client), "initial": [30, 20], "method": "exhaustive"}
     lens = {"focal": [320, 300], "principal_point": [100, 120]}

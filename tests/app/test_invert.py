@@ -16,11 +16,12 @@ from starlette.testclient import TestClient
 from nablahog.app import store as store_module
 from nablahog.app.invert import invert
 from nablahog.app.messages import InvertMessage
-from nablahog.app.store import Store
+from nablahog.app.store import Store, requested_descriptor
+from nablahog.app.uploads import store_photograph
 from nablahog.app.work_queue import Cancelled, CancelToken
 from nablahog.requests.sources import from_photo
 
-from .conftest import documented_fields
+from .conftest import documented_fields, npy
 
 Event = tuple[str, dict[str, Any]]
 
@@ -42,8 +43,7 @@ def picture(text: str) -> Image.Image:
 
 
 @pytest.mark.parametrize(
-    ("preset", "asked"),
-    [("paper", {"method": "paper"}), ("paper", {}), ("uoctti", {}), ("uoctti", {"prior": "none"})],
+    ("preset", "asked"), [("paper", {"method": "paper"}), ("paper", {}), ("uoctti", {}), ("uoctti", {"prior": "none"})]
 )
 def test_it_grows(client: TestClient, photo: str, preset: str, asked: dict[str, str]) -> None:
     made = events(client, photo=photo, preset=preset, **asked)
@@ -72,43 +72,28 @@ def test_going_on(client: TestClient, photo: str) -> None:
 
 
 def test_a_descriptor_alone(client: TestClient) -> None:
-    file = io.BytesIO()
-    np.save(file, np.random.default_rng(0).random((4, 4, 31), dtype=np.float32))
-    of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file.getvalue()).json()
+    file = npy(np.random.default_rng(0).random((4, 4, 31), dtype=np.float32))
+    of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file).json()
     done = events(client, descriptor=of["id"])[-1][1]
     assert (done["cc"], done["ssim"]) == (None, None)
     assert done["snippets"]["command"] == "nablahog invert d.npy -o out --preset uoctti --quality fast"
 
 
 def test_a_template(client: TestClient) -> None:
-    file = io.BytesIO()
-    np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
-    of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
-    kind, done = events(client, descriptor=of["id"], seed=3, quality="best")[-1]
+    """It excludes what its search does not have."""
+    file = npy(np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
+    of = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file).json()["id"]
+    kind, done = events(client, descriptor=of, seed=3, quality="best")[-1]
     command = "nablahog invert w.npy -o out --preset uoctti --template --seed 3"
     assert (kind, done["snippets"]["command"]) == ("done", command)
     assert "reconstruct_template(weights[None], spec, size, seed=3)" in done["snippets"]["python"]
-
-
-@pytest.mark.parametrize("asked", [{"quality": "fast"}, {"method": "paper"}, {"start": "sample-camera"}])
-def test_a_template_excludes_what_its_search_does_not_have(client: TestClient, asked: dict[str, str]) -> None:
-    file = io.BytesIO()
-    np.save(file, np.random.default_rng(0).standard_normal((4, 4, 31)).astype(np.float32))
-    weights = client.post("/api/descriptors?name=w.npy&preset=uoctti&as=template", content=file.getvalue()).json()
-    answer = client.post("/api/invert", json={"descriptor": weights["id"], **asked})
-    assert answer.status_code == 422
-    assert "template" in answer.json()["error"]
-
-
-def test_refused_before_it_begins(client: TestClient) -> None:
-    answer = client.post("/api/invert", json={"photo": "nothing"})
-    assert answer.status_code == 410
+    for asked in ({"quality": "fast"}, {"method": "paper"}, {"start": "sample-camera"}):
+        answer = client.post("/api/invert", json={"descriptor": of, **asked})
+        assert answer.status_code == 422
+        assert "template" in answer.json()["error"]
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:
-    from nablahog.app.store import requested_descriptor
-    from nablahog.app.uploads import store_photograph
-
     store, cancel, seen = Store(b""), CancelToken(), threading.Event()
     key = store_photograph(photo_file, "p.png", {}, store)["id"]
     request = InvertMessage(photo=key, prior="none")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import ExifTags, Image
 from skimage import data, feature
 from starlette.testclient import TestClient
@@ -18,7 +19,10 @@ from starlette.testclient import TestClient
 from nablahog import hog, load_descriptor, presets, sample_chairs, save_descriptor
 from nablahog.cli.main import main
 from nablahog.compat.opencv import HOGDescriptor
+from nablahog.invert import template
 
+from ..cli.common import write_off
+from .conftest import npy, npz
 from .test_fit import box, until
 from .test_invert import events
 
@@ -30,6 +34,7 @@ Run = Callable[[dict[str, str]], dict[str, Any]]
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Runs both, in the folder of the file; the variables of the Python."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(template, "TEMPLATE_SAMPLES", 2)
 
     def run_snippets(snippets: dict[str, str]) -> dict[str, Any]:
         words = shlex.split(snippets["command"], comments=True)
@@ -70,58 +75,44 @@ def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes,
     assert again["snippets"]["command"].startswith("# from the beginning")
 
 
-def arrays() -> dict[str, tuple[str, dict[str, str], Any]]:
+def files() -> dict[str, tuple[str, dict[str, str], bytes]]:
     """Files by a name of what is tested: the file's name, what was answered about it, and what it holds."""
     random = np.random.default_rng(0)
-    image = data.camera()[100:164, 200:264]
-    image = image.astype(np.float32) / 255
+    image = data.camera()[100:164, 200:264].astype(np.float32) / 255
     blocks = feature.hog(image, cells_per_block=(2, 2), feature_vector=False).astype(np.float32)
     asked = {"preset": "skimage", "settings": '{"cells_per_block": "2x2"}'}
-    uoctti = hog(image, "uoctti")
+    uoctti, stored = hog(image, "uoctti"), io.BytesIO()
+    save_descriptor(stored, uoctti, "uoctti", (64, 64))
     opencv = hog(image, presets.opencv(win_size=(64, 64)), layout="native")
+    cells = random.standard_normal((4, 4, 31)).astype("f4")
     return {
-        "row": ("a b.npy", {**asked, "image_size": "64x64"}, blocks.ravel()),
-        "blocks": ("b.npy", asked, blocks),
-        "blocks of float64": ("d.npy", asked, blocks.astype(np.float64) / 3),
-        "cells of another layout": ("c.npy", {"preset": "opencv"}, hog(image, presets.opencv(win_size=(64, 64)))),
-        "opencv": ("o.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, opencv),
-        "key": ("k.npz", {"preset": "uoctti", "key": "left"}, {"left": uoctti, "right": uoctti}),
-        "template": ("svm.npy", {"as": "template"}, random.standard_normal(3781).astype(np.float32)),
-        "template of cells": (
-            "w.npy",
-            {"as": "template", "preset": "uoctti"},
-            random.standard_normal((4, 4, 31)).astype("f4"),
-        ),
+        "row": ("a b.npy", {**asked, "image_size": "64x64"}, npy(blocks.ravel())),
+        "blocks": ("b.npy", asked, npy(blocks)),
+        "blocks of float64": ("d.npy", asked, npy(blocks.astype(np.float64) / 3)),
+        "cells of another layout": ("c.npy", {"preset": "opencv"}, npy(hog(image, presets.opencv(win_size=(64, 64))))),
+        "opencv": ("o.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, npy(opencv)),
+        "key": ("k.npz", {"preset": "uoctti", "key": "left"}, npz(left=uoctti, right=uoctti)),
+        "descriptor file": ("it's.npz", {}, stored.getvalue()),
+        "template": ("svm.npy", {"as": "template"}, npy(random.standard_normal(3781).astype(np.float32))),
+        "template of cells": ("w.npy", {"as": "template", "preset": "uoctti"}, npy(cells)),
     }
 
 
-@pytest.mark.parametrize("which", [*arrays()])
-def test_of_an_array(client: TestClient, tmp_path: Path, which: str, run: Run) -> None:
-    name, answers, held = arrays()[which]
-    file = io.BytesIO()
-    np.savez(file, **held) if isinstance(held, dict) else np.save(file, held)
-    (tmp_path / name).write_bytes(file.getvalue())
-    of = client.post("/api/descriptors", params={"name": name, **answers}, content=file.getvalue()).json()
+@pytest.mark.parametrize("which", [*files()])
+def test_of_a_file(client: TestClient, tmp_path: Path, which: str, run: Run) -> None:
+    name, answers, held = files()[which]
+    (tmp_path / name).write_bytes(held)
+    of = client.post("/api/descriptors", params={"name": name, **answers}, content=held).json()
     said = client.post("/api/hog", json={"descriptor": of["id"]}).json()
-    assert name in said["snippets"]["command"]
+    assert name in shlex.split(said["snippets"]["command"])
     names = run(said["snippets"])
     (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
     made = names["weights" if "as" in answers else "descriptor"]
     np.testing.assert_array_equal(made, load_descriptor("page.npz").descriptor)
-    if which in ("row", "blocks of float64", "template of cells"):
+    if which in ("row", "blocks of float64", "descriptor file", "template of cells"):
         quality = "best" if of["template"] else "fast"  # the search of a template has no other
         done = events(client, descriptor=of["id"], quality=quality)[-1][1]
         assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
-
-
-def test_of_a_descriptor_file(client: TestClient, tmp_path: Path, run: Run) -> None:
-    save_descriptor(tmp_path / "it's.npz", hog(np.eye(64, 48, dtype=np.float32), "uoctti"), "uoctti", (64, 48))
-    of = client.post(
-        "/api/descriptors", params={"name": "it's.npz"}, content=(tmp_path / "it's.npz").read_bytes()
-    ).json()
-    run(client.post("/api/hog", json={"descriptor": of["id"]}).json()["snippets"])
-    done = events(client, descriptor=of["id"])[-1][1]
-    assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
 def test_of_a_detector_that_opencv_saved(client: TestClient, tmp_path: Path, run: Run) -> None:
@@ -144,10 +135,8 @@ def test_of_a_pose(client: TestClient, tmp_path: Path, camera: dict[str, Any], r
     exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
     scene.save(tmp_path / "a chair.png", exif=exif)
     chair = sample_chairs()["wooden-0"]
-    off = [f"OFF\n{len(chair.vertices)} {len(chair.faces)} 0\n"]
-    off += [f"{x} {z} {-y}\n" for x, y, z in chair.vertices.tolist()]  # y up, front to z
-    off += [f"3 {a} {b} {c}\n" for a, b, c in chair.faces.tolist()]
-    (tmp_path / "my chair.off").write_text("".join(off), encoding="utf-8")
+    turned = chair.vertices[:, [0, 2, 1]] * torch.tensor([1, 1, -1])  # y up, front to z
+    write_off(tmp_path / "my chair.off", turned, chair.faces)
     photo, mesh = (
         client.post(f"/api/{kind}", params=query, content=(tmp_path / query["name"]).read_bytes()).json()
         for kind, query in (

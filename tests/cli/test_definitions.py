@@ -14,11 +14,10 @@ from PIL import Image
 
 from nablahog.cli.main import main
 
-from .common import CHELSEA
+from .common import CHELSEA, TETRAHEDRON
 
-TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 CONTAINERS = {
-    *("info", "description", "version", "images", "categories", "annotations", "failed", "definitions"),
+    *("info", "description", "version", "images", "categories", "annotations", "failed", "definitions")
 }  # the outline of COCO's format
 
 
@@ -57,39 +56,24 @@ def undefined(folder: Path) -> set[str]:
     return names - {part for name in definitions for part in (name, name.lower(), *name.split(", "))} - CONTAINERS
 
 
-@pytest.fixture
-def photographs(tmp_path: Path) -> Path:
-    """Two photographs, and a file that is none."""
-    folder = tmp_path / "photographs"
-    folder.mkdir()
+COMMANDS = {
+    "invert": "PHOTOS --preset paper --samples 2 --quality fast",
+    "pose": "PHOTOS --annotations PHOTOS/objects.csv --mesh PHOTOS/model.off --focal 80 --distortion=0.1,0,0,0",
+    "table1": "--images PHOTOS --methods uoctti-single --max-evaluations 2",
+    "table2": "--objects 1 --methods exhaustive --conditions exact",
+}
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_all_is_defined(tmp_path: Path, command: str) -> None:
+    """Of two photographs, and a file that is none."""
+    photographs, out = tmp_path / "photographs", tmp_path / "out"
+    photographs.mkdir()
     for k in range(2):
-        Image.fromarray(CHELSEA[8 * k : 8 * k + 64, :64]).save(folder / f"{k}.png")
-    (folder / "bad.png").write_bytes(b"no image")
-    return folder
-
-
-def test_invert(tmp_path: Path, photographs: Path) -> None:
-    main(["invert", str(photographs), "--preset", "paper", "--samples", "2", "--quality", "fast", "-o", str(tmp_path)])
-    assert not undefined(tmp_path)
-
-
-def test_pose(tmp_path: Path, photographs: Path) -> None:
-    model, listed = tmp_path / "model.off", photographs / "objects.csv"
-    model.write_text(TETRAHEDRON)
-    listed.write_text("image,x0,y0,x1,y1\n0.png,5,5,60,60\nbad.png,5,5,60,60\n")
-    camera = ["--focal", "80", "--distortion=0.1,0,0,0"]
-    command = ["pose", str(photographs), "--annotations", str(listed), "--mesh", str(model), *camera, "--workers", "1"]
-    main([*command, "-o", str(tmp_path / "out")])
-    assert not undefined(tmp_path / "out")
-
-
-def test_table1(tmp_path: Path, photographs: Path) -> None:
-    command = ["table1", "--images", str(photographs), "--methods", "uoctti-single", "--max-evaluations", "2"]
-    main([*command, "--workers", "1", "-o", str(tmp_path / "out")])
-    assert not undefined(tmp_path / "out")
-
-
-def test_table2(tmp_path: Path) -> None:
-    command = ["table2", "--objects", "1", "--methods", "exhaustive", "--conditions", "exact", "--workers", "1"]
-    main([*command, "-o", str(tmp_path / "out")])
-    assert not undefined(tmp_path / "out")
+        Image.fromarray(CHELSEA[8 * k : 8 * k + 64, :64]).save(photographs / f"{k}.png")
+    (photographs / "bad.png").write_bytes(b"no image")
+    (photographs / "model.off").write_text(TETRAHEDRON)
+    (photographs / "objects.csv").write_text("image,x0,y0,x1,y1\n0.png,5,5,60,60\nbad.png,5,5,60,60\n")
+    main([command, *COMMANDS[command].replace("PHOTOS", str(photographs)).split(), "-o", str(out)])
+    assert not undefined(out)

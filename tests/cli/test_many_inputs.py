@@ -43,24 +43,17 @@ def test_a_folder_is_all_its_images(tmp_path: Path, mixed: Path, capsys: pytest.
     assert line.startswith(f"nablahog hog: skipped: {mixed / '1a.png'}: expected an image")
 
 
-@pytest.mark.parametrize(("mode", "settings", "loses"), [("RGB", [], 1), ("L", [], 0), ("RGB", ["channel_axis=-1"], 0)])
 @pytest.mark.parametrize("command", ["hog", "glyph", "invert"])
 def test_colours_that_scikit_image_would_use_are_named_once(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    command: str,
-    mode: str,
-    settings: list[str],
-    loses: int,
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     monkeypatch.setattr(invert, "invert_batch", _no_inversion)
     monkeypatch.chdir(tmp_path)
-    for name in ("a.png", "b.png"):
-        Image.fromarray(CHELSEA).convert(mode).save(name)
-    options = [word for setting in settings for word in ("--set", setting)]
-    main([command, "a.png", "b.png", "-o", "out/", "--preset", "skimage", *options])
-    assert capsys.readouterr().err.count("--set channel_axis=-1") == loses
+    for mode, settings, loses in (("RGB", [], 1), ("L", [], 0), ("RGB", ["--set", "channel_axis=-1"], 0)):
+        for name in ("a.png", "b.png"):
+            Image.fromarray(CHELSEA).convert(mode).save(name)
+        main([command, "a.png", "b.png", "-o", "out/", "--preset", "skimage", *settings])
+        assert capsys.readouterr().err.count("--set channel_axis=-1") == loses
 
 
 def test_patterns(tmp_path: Path, mixed: Path, photo: str) -> None:
@@ -116,28 +109,23 @@ def large(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("given", ["a.png", ".", "*.png", "-"])
 @pytest.mark.parametrize(("command", "shrinks"), [("hog", False), ("glyph", True), ("invert", True)])
 def test_only_what_takes_time_shrinks_photographs_and_says_so(
-    large: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    given: str,
-    command: str,
-    shrinks: bool,
+    large: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, shrinks: bool
 ) -> None:
     """Of a file, a folder, a pattern and standard input."""
     monkeypatch.setattr(invert, "invert_batch", _no_inversion)
     monkeypatch.chdir(large)
-    shapes = []
-    for options in ([], ["--size", "0"]):
-        content = (large / "a.png").read_bytes()
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
-        assert main([command, given, "-o", "out/", "--preset", "paper", *options]) in (0, 1)
-        printed = capsys.readouterr()
-        assert ("shrunk to 256 pixels; --size 0 keeps" in printed.err) == (shrinks and not options)
-        shapes.append(set(re.findall(r"(?<=\s)\d+x\d+(?=\s)", printed.out + printed.err)))
-    assert shapes == [{"192x256"} if shrinks else {"300x400"}, {"300x400"}]
+    content = (large / "a.png").read_bytes()
+    for given in ("a.png", ".", "*.png", "-"):
+        shapes = []
+        for options in ([], ["--size", "0"]):
+            monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+            assert main([command, given, "-o", "out/", "--preset", "paper", *options]) in (0, 1)
+            printed = capsys.readouterr()
+            assert ("shrunk to 256 pixels; --size 0 keeps" in printed.err) == (shrinks and not options)
+            shapes.append(set(re.findall(r"(?<=\s)\d+x\d+(?=\s)", printed.out + printed.err)))
+        assert shapes == [{"192x256"} if shrinks else {"300x400"}, {"300x400"}]
 
 
 def _no_inversion(sources: Sequence[Source], *asked: Any, **options: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,6 @@ from .common import CHELSEA, FAST
 BAD_PHOTOS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "missing": (lambda path: path.unlink(), "no such file"),
     "an empty folder": (lambda path: (path.unlink(), path.mkdir()), "expected a file, or a folder of files"),
-    "no image": (lambda path: path.write_text("hello"), "expected an image, got a file that is none"),
-    "empty": (lambda path: path.write_bytes(b""), "expected an image, got an empty file"),
-    "numbers": (lambda path: path.write_text("1,-2e-3\n" * 20_000), "png', delimiter=','))"),
-    "numbers in one column": (lambda path: path.write_text("0.5\n"), "png'))"),
     "smaller than a cell": (lambda path: Image.fromarray(CHELSEA[:3]).save(path), "at least one cell of 8x8 pixels"),
 }
 
@@ -41,21 +38,6 @@ def _arrays(path: Path, **changed: Any) -> None:
     with np.load(path, allow_pickle=False) as archive:
         arrays = {**archive, **changed}
     np.savez(path, **arrays)
-
-
-BAD_DESCRIPTORS: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "truncated": (lambda path: path.write_bytes(path.read_bytes()[:2000]), "expected a descriptor file"),
-    "another spec": (lambda path: _arrays(path, spec=np.array(presets.paper().to_json())), "a paper descriptor of"),
-    "pickled": (lambda path: _arrays(path, spec=np.array([{}], dtype=object)), "pickled objects, which are never"),
-}
-
-
-@pytest.mark.parametrize("what", BAD_DESCRIPTORS)
-def test_bad_descriptor_files(tmp_path: Path, descriptor: str, refused: Callable[..., None], what: str) -> None:
-    make, message = BAD_DESCRIPTORS[what]
-    make(Path(descriptor))
-    refused("glyph", descriptor, "-o", str(tmp_path / "out"), message=f"{descriptor}: ")
-    refused("invert", descriptor, "-o", str(tmp_path / "out"), message=message)
 
 
 def test_descriptor_files_of_another_spec_than_asked_for(
@@ -137,3 +119,20 @@ def test_cuda_asked_for_and_absent(
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
     refused(*options, "cuda:1", message="cuda:0 … cuda:0", status=2)
+
+
+@pytest.mark.parametrize(
+    ("module", "command", "message"),
+    [
+        ("uvicorn", "app", "the page needs uvicorn: pip install scikit-image starlette uvicorn"),
+        ("skimage", "demo -o demo", "a sample photograph needs skimage: pip install scikit-image"),
+        ("dask", "hog cat.png -o o.parquet --cluster local:1", "a cluster needs dask: pip install dask distributed"),
+    ],
+)
+def test_without_an_extra(
+    photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, module: str, command: str, message: str
+) -> None:
+    monkeypatch.chdir(Path(photo).parent)
+    monkeypatch.delitem(sys.modules, "nablahog.jobs.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, module, None)
+    refused(*command.split(), message=message)

@@ -52,7 +52,7 @@ LIMITS: dict[str, tuple[Callable[[Any], Any], list[Any], list[Any]]] = {
     "levels of floats": (
         lambda level: pil_pixels("image", Image.fromarray(np.array([[0, level]], np.float32))),
         [1, 1.09, -0.09, 16, 280],  # filters overshoot by a tenth
-        [1.11, -0.11, 15.9, 281, np.nan],
+        [1.11, -0.11, 15.9, 281, np.nan, np.inf],
     ),
 }
 

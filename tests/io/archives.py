@@ -24,13 +24,6 @@ def rewrite(path: Path, **changed: Any) -> None:
         np.savez(file, **{name: value for name, value in arrays.items() if value is not None})
 
 
-def damages(whole: bytes) -> list[bytes]:
-    """What can become of a small file: cut short, overwritten, or with forty bytes inverted, more than a zip header."""
-    middle = len(whole) // 2
-    inverted = whole[:middle] + bytes(byte ^ 0xFF for byte in whole[middle : middle + 40]) + whole[middle + 40 :]
-    return [b"", b"hello", whole[:100], whole[:middle], whole[:-1], inverted]
-
-
 def check_refused(model: LearnedModel, path: Path, changed: dict[str, Any], message: str) -> None:
     """Checks that its file is refused, in one sentence that begins with the path, if arrays are changed."""
     model.save(path)

@@ -1,16 +1,20 @@
-"""Archives: what is written comes back whole, and messages name the file."""
+"""Archives and arrays on disk: what is written comes back whole, is made again where it is damaged, and is limited."""
 
 from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from nablahog.io import arrays
+from nablahog.io.array_cache import SIZE_VARIABLE, cached_array
 from nablahog.io.arrays import (
     LIMIT_VARIABLE,
     MAX_CHARACTERS,
@@ -91,8 +95,78 @@ def test_a_tensor_of_pytorch_is_refused_with_what_to_write(tmp_path: Path) -> No
         arrays.read_array(tmp_path / "d.pt", None)
 
 
-@pytest.mark.parametrize(("kind", "remedy"), [("i8", r"array\.astype\(float\)"), ("u1", "save it as PNG")])
-def test_an_array_of_integers_is_refused_with_what_to_write(tmp_path: Path, kind: str, remedy: str) -> None:
-    np.save(tmp_path / "d.npy", np.zeros(6, kind))
+@pytest.mark.parametrize(
+    ("array", "remedy"),
+    [
+        (np.zeros(6, np.int64), r"array\.astype\(float\)"),
+        (np.zeros(6, np.uint8), "save it as PNG"),
+        (np.array([{}], dtype=object), "pickled objects, which are never loaded"),
+    ],
+)
+def test_an_array_of_other_kinds_is_refused_with_what_to_write(tmp_path: Path, array: Any, remedy: str) -> None:
+    np.save(tmp_path / "d.npy", array, allow_pickle=True)
     with pytest.raises(ValueError, match=remedy):
         arrays.read_array(tmp_path / "d.npy", None)
+
+
+SHAPE = (3, 1000)
+
+
+class Maker:
+    def __init__(self) -> None:
+        self.made = 0
+
+    def __call__(self) -> NDArray[np.float32]:
+        self.made += 1
+        return np.arange(3000, dtype=np.float32).reshape(SHAPE)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("NABLAHOG_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv(SIZE_VARIABLE, "100")
+    return tmp_path / "kind"
+
+
+def test_it_is_made_once(folder: Path) -> None:
+    make = Maker()
+    arrays = [cached_array("kind", "key", SHAPE, make) for _ in range(3)]
+    assert make.made == 1
+    assert all(np.array_equal(array, make()) for array in arrays)
+    assert os.listdir(folder) == ["key.array"]
+    arrays[1][:] = 7  # of the process, not the file
+    assert np.array_equal(cached_array("kind", "key", SHAPE, make), make())
+    cached_array("kind", "other", SHAPE, make)
+    assert len(os.listdir(folder)) == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "damage"),
+    [
+        ("key", lambda data: data[:5000] + bytes([data[5000] ^ 1]) + data[5001:]),
+        ("key", lambda data: data[:5000]),
+        ("key", lambda data: b""),
+        ("key", lambda data: data + b"more"),
+        ("another", lambda data: data),  # renamed
+    ],
+)
+def test_what_is_damaged_is_made_again(folder: Path, key: str, damage: Callable[[bytes], bytes]) -> None:
+    make = Maker()
+    cached_array("kind", "key", SHAPE, make)
+    (folder / f"{key}.array").write_bytes(damage((folder / "key.array").read_bytes()))
+    made = make.made
+    assert np.array_equal(cached_array("kind", key, SHAPE, make), make())
+    assert make.made == made + 2
+    cached_array("kind", key, SHAPE, make)
+    assert make.made == made + 2
+
+
+def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(SIZE_VARIABLE, "0.055")  # four arrays of 12 kB, of which 0.8 are kept
+    make = Maker()
+    for number in range(4):
+        cached_array("kind", str(number), SHAPE, make)
+        os.utime(folder / f"{number}.array", (1000 + number, 1000 + number))
+    cached_array("kind", "0", SHAPE, make)  # used just now
+    cached_array("kind", "4", SHAPE, make)
+    assert sorted(os.listdir(folder)) == ["0.array", "3.array", "4.array"]

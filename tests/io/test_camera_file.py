@@ -107,59 +107,46 @@ def as_array(value: Any) -> Any:
 
 
 @pytest.mark.parametrize(
-    "statement",
+    ("statement", "message"),
     [
-        *({key: "OPENCV_FISHEYE"} for key in ("camera_model", "model", "type", "distortion_type", "Projection-Type")),
-        *({"distortion_model": name} for name in ("equidistant", "KannalaBrandt8", "fisheye", "FOV", "omni", 3)),
-        *({key: "THIN_PRISM_FISHEYE"} for key in ("camera_model", "lens", "name")),
-        {"is_fisheye": True},
-        {"distortion": {"model": "equi", "k1": 0.1}},
-        {"camera": {"type": "KANNALA_BRANDT"}},
-        {"distortion": "inverse_brown_conrady"},
+        *(
+            ({key: "OPENCV_FISHEYE"}, f"{key}.*undistort the photographs")
+            for key in ("camera_model", "model", "type", "distortion_type", "Projection-Type")
+        ),
+        *(
+            ({"distortion_model": name}, "distortion_model.*undistort the photographs")
+            for name in ("equidistant", "KannalaBrandt8", "fisheye", "FOV", "omni", 3)
+        ),
+        *(
+            ({key: "THIN_PRISM_FISHEYE"}, f"{key}.*undistort the photographs")
+            for key in ("camera_model", "lens", "name")
+        ),
+        ({"is_fisheye": True}, "is_fisheye.*undistort the photographs"),
+        ({"distortion": {"model": "equi", "k1": 0.1}}, "undistort the photographs"),
+        ({"camera": {"type": "KANNALA_BRANDT"}}, "undistort the photographs"),
+        ({"distortion": "inverse_brown_conrady"}, "undistort the photographs"),
+        ({"k1": 0.5}, "contradicts itself"),
+        ({"fx": 9}, "contradicts itself"),
+        ({"camera_matrix": [[9, 0, 320.5], [0, 9, 240.25], [0, 0, 1]]}, "contradicts itself"),
+        ({"distortion": {"p2": 0.5}}, "contradicts itself"),
+        ({"distortion_model": "none"}, "contradicts itself"),
+        ({"height": 480, "width": 640, "image_size": [640, 479]}, "contradicts itself"),
+        ({"h": 480, "image_height": 479}, "contradicts itself"),
+        ({"D": None, "dst": FIVE}, "dst.*write a distortion as dist_coeffs"),
+        ({"D": None, "distortion_parms": "-0.3 0.1"}, "distortion_parms.*write a distortion as dist_coeffs"),
+        ({"new_camera_matrix": MATRIX}, "new_camera_matrix.*leave out"),
+        ({"skew": 12.0}, "skew.*without skew"),
+        ({"s": 2}, "'s'.*without skew"),
+        ({"binning_x": 2}, "binning_x.*`intrinsics` as fx,fy,cx,cy of the photograph as it is"),
+        ({"roi": {"x_offset": 100, "height": 0}}, "x_offset.*`intrinsics` as fx,fy,cx,cy of the photograph as it is"),
+        ({"depth_camera": {"fx": 500}}, "depth_camera.*by itself"),
+        ({"frames": [{"fl_x": 500}]}, "frames.*by itself"),
+        ({"focal_length": 500}, "focal_length.*write fx and fy"),
     ],
 )
-def test_other_models_are_refused_by_name(statement: Any) -> None:
-    with pytest.raises(ValueError, match="undistort the photographs") as caught:
-        read({"K": MATRIX, "D": FIVE[:4], **statement})
-    assert next(iter(statement)) in str(caught.value) or "camera" in statement or "distortion" in statement
-
-
-@pytest.mark.parametrize(
-    "statement",
-    [
-        {"k1": 0.5},
-        {"fx": 9},
-        {"camera_matrix": [[9, 0, 320.5], [0, 9, 240.25], [0, 0, 1]]},
-        {"distortion": {"p2": 0.5}},
-        {"distortion_model": "none"},
-        {"height": 480, "width": 640, "image_size": [640, 479]},
-        {"h": 480, "image_height": 479},
-    ],
-)
-def test_what_contradicts_itself_is_refused(statement: Any) -> None:
-    with pytest.raises(ValueError, match="contradicts itself"):
+def test_what_a_camera_matrix_does_not_go_with_is_refused(statement: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         read({"K": MATRIX, "D": FIVE, **statement})
-
-
-@pytest.mark.parametrize(
-    ("statement", "remedy"),
-    [
-        ({"dst": FIVE}, "write a distortion as dist_coeffs"),
-        ({"distortion_parms": "-0.3 0.1"}, "write a distortion as dist_coeffs"),
-        ({"new_camera_matrix": MATRIX}, "leave out"),
-        ({"skew": 12.0}, "without skew"),
-        ({"s": 2}, "without skew"),
-        ({"binning_x": 2}, "`intrinsics` as fx,fy,cx,cy of the photograph as it is"),
-        ({"roi": {"x_offset": 100, "height": 0}}, "`intrinsics` as fx,fy,cx,cy of the photograph as it is"),
-        ({"depth_camera": {"fx": 500}}, "by itself"),
-        ({"frames": [{"fl_x": 500}]}, "by itself"),
-        ({"focal_length": 500}, "write fx and fy"),
-    ],
-)
-def test_numbers_by_other_names_are_refused(statement: Any, remedy: str) -> None:
-    with pytest.raises(ValueError, match=remedy) as caught:
-        read({"K": MATRIX, **statement})
-    assert str(next(iter(statement.get("roi", statement)))) in str(caught.value)
 
 
 def test_the_order_of_a_size_is_not_guessed() -> None:
@@ -228,11 +215,7 @@ def test_colmap(line: str, intrinsics: Any, distortion: Any) -> None:
         ("camera.json", '{"K": "wide"}', "must be a camera matrix"),
         ("camera.json", json.dumps({**ROS, "distortion_model": "equidistant"}), "undistort the photographs"),
         ("camera.json", json.dumps({"K": MATRIX, "D": [1.0] * 8}), "got a model of 8 numbers"),
-        (
-            "camera.json",
-            json.dumps({"fx": 5, "fy": 5, "cx": 4, "cy": 4, "k1": 0.1, "k4": 1}),
-            "got k4: 1: undistort",
-        ),
+        ("camera.json", json.dumps({"fx": 5, "fy": 5, "cx": 4, "cy": 4, "k1": 0.1, "k4": 1}), "got k4: 1: undistort"),
     ],
 )
 def test_what_is_no_camera_is_refused(name: str, content: str, message: str) -> None:

@@ -16,7 +16,6 @@ import nablahog
 from nablahog import HOGSpec, presets
 from nablahog.io.descriptor_file import (
     FittedLayout,
-    StoredDescriptor,
     find_layout,
     load_descriptor,
     save_descriptor,
@@ -121,13 +120,6 @@ def test_archives_that_swell(tmp_path: Path) -> None:
         archive.filelist[0].file_size = 2**40  # what the directory of the archive will claim
     with pytest.raises(ValueError, match="unpacks to 1,099,511,627,776 bytes"):
         load_descriptor(tmp_path / "d.npz")
-
-
-def test_what_cannot_be_stored() -> None:
-    descriptor = _descriptor(presets.uoctti())
-    for wrong in (descriptor.numpy(), descriptor.half()):
-        with pytest.raises(TypeError, match="float32 or float64"):
-            StoredDescriptor(wrong, presets.uoctti(), SIZE)  # type: ignore[arg-type]
 
 
 # --- arrays of other libraries

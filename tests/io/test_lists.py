@@ -13,8 +13,10 @@ from nablahog.io import lists
 from nablahog.io.lists import AnnotatedObject, read_csv, read_objects
 
 
-def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
-    path = folder / "list.csv"
+def _write(folder: Path, content: str | dict[str, Any], encoding: str = "utf-8") -> Path:
+    """A list as CSV, or as JSON where the content is that or an object."""
+    text = content if isinstance(content, str) else json.dumps(content)
+    path = folder / ("list.json" if text.startswith(("{", "[")) else "list.csv")
     path.write_bytes(text.encode(encoding))
     return path
 
@@ -34,7 +36,7 @@ def _csv(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     ],
 )
 def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
-    read = read_csv(_csv(tmp_path, text, encoding), ("image", "x"))
+    read = read_csv(_write(tmp_path, text, encoding), ("image", "x"))
     assert [(row.text("image"), row.number("x")) for row in read] == [("a,b.jpg", 1.5), ("c.jpg", -2)]
     assert read[0].text("none") == ""
 
@@ -55,20 +57,10 @@ def test_rows(tmp_path: Path, text: str, encoding: str) -> None:
     ],
 )
 def test_rows_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    path = _csv(tmp_path, text, "latin-1")
+    path = _write(tmp_path, text, "latin-1")
     with pytest.raises(ValueError, match=message) as caught:
         [row.number("x") for row in read_csv(path, ("image", "x"))]
     assert str(caught.value).startswith(str(path))
-
-
-def test_lists_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, text in (("a.csv", "image\na.jpg\n"), ("a.json", json.dumps(COCO))):
-        (tmp_path / name).write_text(text)
-        monkeypatch.setattr(lists, "MAX_TABLE_BYTES", len(text))
-        assert read_objects(tmp_path / name)
-        monkeypatch.setattr(lists, "MAX_TABLE_BYTES", len(text) - 1)
-        with pytest.raises(ValueError, match=rf"{name}: a list of more than {len(text) - 1} bytes is refused"):
-            read_objects(tmp_path / name)
 
 
 # --- lists of objects
@@ -82,39 +74,39 @@ COCO: dict[str, Any] = {
 }
 
 
-def test_names_of_boxes_and_files_of_others(tmp_path: Path) -> None:
-    (one,) = read_objects(_csv(tmp_path, "image,xmin,ymin,xmax,ymax\nin\\a.jpg,1,2,30,40\n"))
-    assert (one.image, one.box) == ("in/a.jpg", Box(1, 2, 30, 40))
-
-
-def test_objects_of_a_csv_file(tmp_path: Path) -> None:
-    path = _csv(
-        tmp_path, "image,x0,y0,x1,y1,azimuth,elevation,theta,model\na.jpg,1,2,30,40.5,,,,\nin/b.jpg,,,,,30,10,-2,a\n"
-    )
-    assert read_objects(path) == [
-        AnnotatedObject(1, "a.jpg", Box(1, 2, 30, 40.5)),
-        AnnotatedObject(2, "in/b.jpg", None, (30, 10), -2, "a"),
-    ]
-
-
-def test_objects_of_a_file_like_cocos(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(COCO))
-    assert read_objects(path) == [
-        AnnotatedObject(3, "b.jpg", Box(10, 20, 40.5, 60)),
-        AnnotatedObject(1, "in/a.jpg", None, (0, -5)),
-    ]
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("image,xmin,ymin,xmax,ymax\nin\\a.jpg,1,2,30,40\n", [AnnotatedObject(1, "in/a.jpg", Box(1, 2, 30, 40))]),
+        (
+            "image,x0,y0,x1,y1,azimuth,elevation,theta,model\na.jpg,1,2,30,40.5,,,,\nin/b.jpg,,,,,30,10,-2,a\n",
+            [AnnotatedObject(1, "a.jpg", Box(1, 2, 30, 40.5)), AnnotatedObject(2, "in/b.jpg", None, (30, 10), -2, "a")],
+        ),
+        (COCO, [AnnotatedObject(3, "b.jpg", Box(10, 20, 40.5, 60)), AnnotatedObject(1, "in/a.jpg", None, (0, -5))]),
+        ("image,id\na,7\nb,5\n", [AnnotatedObject(7, "a"), AnnotatedObject(5, "b")]),
+        ("image,id\na,7\nb,7\n", [AnnotatedObject(1, "a"), AnnotatedObject(2, "b")]),  # ids that are no ids
+        ("image,id\na,7\nb,a\n", [AnnotatedObject(1, "a"), AnnotatedObject(2, "b")]),
+    ],
+)
+def test_objects(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: Any, expected: list[AnnotatedObject]
+) -> None:
+    path = _write(tmp_path, content)
+    monkeypatch.setattr(lists, "MAX_TABLE_BYTES", path.stat().st_size)
+    assert read_objects(path) == expected
+    monkeypatch.setattr(lists, "MAX_TABLE_BYTES", path.stat().st_size - 1)
+    with pytest.raises(ValueError, match=rf"{path.name}: a list of more than {path.stat().st_size - 1} bytes is ref"):
+        read_objects(path)
 
 
 def test_polygons_take_the_place_of_a_missing_box(tmp_path: Path) -> None:
-    path, sides = tmp_path / "a.json", [28, 12, 95, 12, 95, 125, 28, 125]
+    sides = [28, 12, 95, 12, 95, 125, 28, 125]
     annotations = [
         {"id": 1, "image_id": 7, "segmentation": [sides, [100, 12, 110, 12, 110, 20.5]]},
         {"id": 2, "image_id": 7, "segmentation": [sides], "bbox": [1, 2, 3, 4]},
         {"id": 3, "image_id": 7, "segmentation": []},
     ]
-    path.write_text(json.dumps({**COCO, "annotations": annotations}))
-    outlined, boxed, unknown = read_objects(path)
+    outlined, boxed, unknown = read_objects(_write(tmp_path, {**COCO, "annotations": annotations}))
     assert outlined.box == Box(28, 12, 110, 125)
     assert outlined.polygons == (tuple(sides), (100, 12, 110, 12, 110, 20.5))
     assert (boxed.box, boxed.polygons, unknown.box) == (Box(1, 2, 4, 6), (), None)
@@ -122,21 +114,15 @@ def test_polygons_take_the_place_of_a_missing_box(tmp_path: Path) -> None:
 
 def test_absolute_names_of_files_in_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    path = _csv(tmp_path, f"image\n{tmp_path}/photos/in/a.jpg\n")
+    path = _write(tmp_path, f"image\n{tmp_path}/photos/in/a.jpg\n")
     for folder in ("photos", tmp_path / "photos"):
         assert read_objects(path, folder)[0].image == "in/a.jpg"
     with pytest.raises(ValueError, match="expected the name of a file in the folder"):
         read_objects(path, tmp_path / "photos" / "in" / "deeper")
 
 
-@pytest.mark.parametrize(("ids", "numbers"), [("75", [7, 5]), ("77", [1, 2]), ("7a", [1, 2])])
-def test_ids_of_a_csv_file_if_they_are_different_numbers(tmp_path: Path, ids: str, numbers: list[int]) -> None:
-    path = _csv(tmp_path, f"image,id\na.jpg,{ids[0]}\nb.jpg,{ids[1]}\n")
-    assert [listed.id for listed in read_objects(path)] == numbers
-
-
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("content", "message"),
     [
         ("image,x0,y0,x1\na.jpg,1,2,3\n", "expected the columns x0, y0, x1, y1 together, but y1 is missing"),
         ("image,x,y,width,height\na.jpg,1,2,3,4\n", "expected boxes in the columns x0, y0, x1, y1, got image, x, y"),
@@ -146,16 +132,9 @@ def test_ids_of_a_csv_file_if_they_are_different_numbers(tmp_path: Path, ids: st
         ("image,azimuth,elevation\na.jpg,5,91\n", "line 2, column elevation must be a finite number in -90 … 90"),
         ("image\n../a.jpg\n", "line 2, column image: expected the name of a file in the folder of photographs"),
         ("image\n/etc/passwd\n", "line 2, column image: expected the name of a file in the folder"),
-    ],
-)
-def test_objects_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        read_objects(_csv(tmp_path, text))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+        ("{", "expected"),
+        ("[1]", "expected"),
+        ("[" * 100_000, "expected"),
         ({"images": 3}, "expected an object with the lists images and annotations"),
         ({"images": [{"id": "x"}]}, r"images\[0\], column id must be an integer in .*, got 'x'"),
         ({"images": [5]}, r"images\[0\]: expected an object"),
@@ -167,18 +146,12 @@ def test_objects_that_are_refused(tmp_path: Path, text: str, message: str) -> No
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2, 3, True]}]}, r"bbox must be 4 finite numbers"),
     ],
 )
-def test_files_like_cocos_that_are_refused(tmp_path: Path, change: dict[str, Any], message: str) -> None:
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps({**COCO, **change}))
+def test_objects_that_are_refused(tmp_path: Path, content: Any, message: str) -> None:
+    content = {**COCO, **content} if isinstance(content, dict) else content
     with pytest.raises(ValueError, match=message):
-        read_objects(path)
+        read_objects(_write(tmp_path, content))
 
 
-@pytest.mark.parametrize("text", ["{", "[1]", "[" * 100_000])
-def test_files_of_other_kinds(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "a.json"
-    path.write_text(text)
-    with pytest.raises(ValueError, match="expected"):
-        read_objects(path)
+def test_a_list_by_another_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"got the ending '.txt'"):
-        read_objects(path.rename(path.with_suffix(".txt")))
+        read_objects(_write(tmp_path, COCO).rename(tmp_path / "a.txt"))

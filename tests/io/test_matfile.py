@@ -1,4 +1,4 @@
-"""MATLAB's files: what SciPy writes is read, and whatever is damaged is refused in a sentence."""
+"""MATLAB files: what SciPy writes is read, what is damaged is refused in a sentence; models of voc-release5."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from scipy import io
+from scipy.io import savemat
+from scipy.ndimage import zoom
 
-from nablahog.io import matfile
+from nablahog.io import dpm_file, matfile
+from nablahog.io.dpm_file import is_dpm_file, load_dpm
 from nablahog.io.matfile import read_mat, read_mat_arrays
+from tests.io.dpm_models import PART, ROOT, structs, weights, written
 
 NESTED = {
     "record": {
@@ -101,20 +106,24 @@ def test_arrays_of_numbers_have_their_types(tmp_path: Path) -> None:
     assert result["complex"].dtype == np.complex128
 
 
+HEADER = bytes(124) + b"\x00\x01IM"
+
+
+def _variable(kind: int, sides: tuple[int, int], rest: bytes) -> bytes:
+    flags = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<IIii", 5, 8, *sides) + struct.pack("<II", 1, 0)
+    return struct.pack("<II", 14, len(flags + rest)) + flags + rest
+
+
 def test_what_takes_more_memory_than_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Elements of no bytes, fields of one byte each, and numbers of one byte that become complex."""
-
-    def variable(kind: int, sides: tuple[int, int], rest: bytes) -> bytes:
-        flags = struct.pack("<IIII", 6, 8, kind, 0) + struct.pack("<IIii", 5, 8, *sides) + struct.pack("<II", 1, 0)
-        return bytes(124) + b"\x00\x01IM" + struct.pack("<II", 14, len(flags + rest)) + flags + rest
 
     monkeypatch.setattr(matfile, "MAX_ELEMENTS", 100)
     monkeypatch.setattr(matfile, "MAX_ARRAY_BYTES", 1000)
     path = tmp_path / "a.mat"
-    assert "more than 100 elements" in _refusal(path, variable(1, (1, 100), struct.pack("<II", 14, 0) * 100))
+    assert "more than 100 elements" in _refusal(path, HEADER + _variable(1, (1, 100), struct.pack("<II", 14, 0) * 100))
     fields = struct.pack("<IIii", 5, 4, 1, 0) + struct.pack("<II", 1, 104) + b"a" * 104
-    assert "more than 100 fields" in _refusal(path, variable(2, (1, 0), fields))
-    path.write_bytes(variable(6 | 0x800, (1, 64), struct.pack("<II", 1, 64) + bytes(64)))
+    assert "more than 100 fields" in _refusal(path, HEADER + _variable(2, (1, 0), fields))
+    path.write_bytes(HEADER + _variable(6 | 0x800, (1, 64), struct.pack("<II", 1, 64) + bytes(64)))
     with pytest.raises(ValueError, match="its arrays take more than 1,000 bytes"):
         read_mat_arrays(path)
 
@@ -124,11 +133,73 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.mat"
     assert "its header" in _refusal(path, b"hello")
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
-    header = bytes(124) + b"\x00\x01IM"
     bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
-    assert "unpacks to more than" in _refusal(path, header + struct.pack("<II", 15, len(bomb)) + bomb)
+    assert "unpacks to more than" in _refusal(path, HEADER + struct.pack("<II", 15, len(bomb)) + bomb)
     inner = struct.pack("<II", 14, 0)
     for _ in range(matfile.MAX_STRUCT_DEPTH + 2):
-        flags = struct.pack("<IIII", 6, 8, 1, 0) + struct.pack("<IIii", 5, 8, 1, 1) + struct.pack("<II", 1, 0)
-        inner = struct.pack("<II", 14, len(flags + inner)) + flags + inner
-    assert "structures in each other" in _refusal(path, header + inner)
+        inner = _variable(1, (1, 1), inner)
+    assert "structures in each other" in _refusal(path, HEADER + inner)
+
+
+def test_root_and_parts(tmp_path: Path) -> None:
+    path = written(tmp_path / "toy.mat")
+    result = load_dpm(path)
+    assert is_dpm_file(path)
+    assert (result.class_name, result.cell_size) == ("toy", 8)
+    assert [each.name for each in result.filters] == ["component 1, root", "component 1, parts"]
+    root, parts = (each.weights for each in result.filters)
+    assert root.dtype == torch.float32
+    np.testing.assert_allclose(root, weights(ROOT, 0), atol=1e-6)
+    together, covered = np.zeros((6, 8, 32)), np.zeros((6, 8), bool)
+    for rows, cols, number in ((slice(2, 4), slice(1, 3), 1), (slice(3, 5), slice(2, 4), 2)):
+        together[rows, cols] += weights(PART, number)
+        covered[rows, cols] = True
+    together[3, 2] /= 2  # where they overlap
+    np.testing.assert_allclose(parts[covered], together[covered], atol=1e-6)
+    background = zoom(weights(ROOT, 0), (2, 2, 1), order=1, mode="nearest", grid_mode=True)
+    scale = np.linalg.norm(together) / np.linalg.norm(background[covered])
+    np.testing.assert_allclose(parts[~covered], scale * background[~covered], atol=1e-5)
+
+
+def test_what_is_no_model(tmp_path: Path) -> None:
+    (tmp_path / "text.mat").write_text("hello")
+    savemat(tmp_path / "other.mat", {"w": np.ones(3)})
+    with pytest.raises(ValueError, match=r"other.mat: expected a model of voc-release5"):
+        load_dpm(tmp_path / "other.mat")
+    assert not is_dpm_file(tmp_path / "other.mat")
+    assert not is_dpm_file(tmp_path / "text.mat")
+    assert not is_dpm_file(tmp_path / "none.mat")
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no filters": ({"filters": None}, "expected a model of voc-release5, but it has no 'filters'"),
+    "31 channels": (
+        {"blocks": structs([{"w": np.ones(31), "shape": np.array([1, 1, 31])} for _ in range(3)])},
+        r"a filter has the shape \(1, 1, 31\), not \(rows, cols, 32\)",
+    ),
+    "NaN": (
+        {"blocks": structs([{"w": np.full(32, np.nan), "shape": np.array([1, 1, 32])} for _ in range(3)])},
+        "a filter holds NaN or Inf",
+    ),
+    "parts outside": (
+        {"blocks": structs([{"w": np.ones(32), "shape": np.array([1, 1, 32])} for _ in range(3)])},
+        "a part of 1x1 cells at 2, 1 is outside its root",
+    ),
+    "a start that is not there": ({"start": 99}, "expected a model of voc-release5"),
+    "a cell of infinite size": ({"sbin": np.inf}, "numbers that are not integers within ±1,000,000"),
+}
+
+
+def test_a_filter_that_is_used_too_often(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dpm_file, "MAX_WEIGHTS", 4352)  # of both components, 5 · 3 · 4 · 32 of the root
+    load_dpm(written(tmp_path / "toy.mat"))
+    monkeypatch.setattr(dpm_file, "MAX_WEIGHTS", 4351)
+    with pytest.raises(ValueError, match="its components have more than 4,351 weights"):
+        load_dpm(tmp_path / "toy.mat")
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_models(tmp_path: Path, name: str) -> None:
+    changes, message = WRONG[name]
+    with pytest.raises(ValueError, match=message):
+        load_dpm(written(tmp_path / "wrong.mat", **changes))

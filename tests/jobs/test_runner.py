@@ -27,11 +27,7 @@ from ..paper.fakes import DARK, HUNGRY, KILLED, KILLED_ONCE, MISTAKEN, SILENT
 
 @pytest.mark.parametrize(
     ("method", "reason"),
-    [
-        (HUNGRY, "not enough memory"),
-        (SILENT, "TypeError at table1.py:"),
-        (MISTAKEN, "KeyError at fakes.py:"),
-    ],
+    [(HUNGRY, "not enough memory"), (SILENT, "TypeError at table1.py:"), (MISTAKEN, "KeyError at fakes.py:")],
 )
 def test_reasons(method: ReconstructionMethod, reason: str) -> None:
     assert str(attempt(job(method))).startswith(reason)

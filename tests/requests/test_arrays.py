@@ -1,4 +1,4 @@
-"""Arrays of other libraries: which descriptors they are."""
+"""Arrays of other libraries: which descriptors they are, or weights of which detector."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from skimage import data, feature
 
 import nablahog
 from nablahog import presets
+from nablahog.compat.opencv import HOGDescriptor
 from nablahog.requests.advice import advise
 from nablahog.requests.arrays import fit_array, identify, read_stored, suggest
 from nablahog.requests.inversion import GlyphRequest
 from nablahog.requests.options import words
+from nablahog.requests.templates import read_templates
 
 from ..cli.common import CHELSEA
 
@@ -165,7 +167,7 @@ def test_numbers_that_contradict_the_preset_are_remarked_on(tmp_path: Path, fact
 
 
 def test_all_suggestions_work_as_they_stand() -> None:
-    for shape in ((16, 16, 32), (31, 8, 8), (36,), (3780,), (196, 108)):
+    for shape in ((5, 4, 32), (31, 4, 5), (324,), (16, 108)):
         array = np.random.default_rng(0).random(shape)
         suggestions = suggest(array, GlyphRequest())
         assert suggestions
@@ -189,3 +191,31 @@ def test_all_suggestions_work_as_they_stand() -> None:
 def test_what_is_refused(shape: tuple[int, ...], asked: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fit_array(shape, GlyphRequest(**asked))
+
+
+@pytest.mark.parametrize(("length", "size"), [(3780, (128, 64)), (1980, (96, 48))])
+def test_the_windows_of_opencvs_people_detectors(tmp_path: Path, length: int, size: tuple[int, int]) -> None:
+    weights = np.random.default_rng(0).standard_normal(length + 1).astype(np.float32)
+    for name, vector in (("plain", weights[:-1]), ("biased", weights), ("row", weights[np.newaxis])):
+        np.save(tmp_path / f"{name}.npy", vector)
+        [template] = read_templates(str(tmp_path / f"{name}.npy"), GlyphRequest())
+        assert (template.spec.name, template.image_size) == ("opencv", size)
+        native = nablahog.to_layout(template.descriptor[None], presets.opencv(size[::-1]))
+        assert torch.equal(native.flatten(), torch.from_numpy(weights[:-1]))
+    np.save(tmp_path / "longer.npy", np.append(weights, 0))
+    with pytest.raises(ValueError, match="preset"):
+        read_templates(str(tmp_path / "longer.npy"), GlyphRequest())
+
+
+def test_a_descriptor_that_opencv_saved(tmp_path: Path) -> None:
+    hog, path = HOGDescriptor(), str(tmp_path / "hog.yml")
+    hog.save(path)
+    with pytest.raises(ValueError, match=r"hog\.yml: expected a HOGDescriptor with the coefficients of its detector"):
+        read_templates(path, GlyphRequest())
+    weights = np.linspace(-1, 1, 3781, dtype=np.float32)
+    hog.setSVMDetector(weights)
+    hog.save(path)
+    [template] = read_templates(path, GlyphRequest())
+    assert (template.spec, template.image_size) == (presets.opencv(), (128, 64))
+    native = nablahog.to_layout(template.descriptor[None], presets.opencv())
+    torch.testing.assert_close(native.flatten(), torch.from_numpy(weights[:-1]))

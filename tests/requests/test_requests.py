@@ -89,6 +89,16 @@ def test_ranges_and_defaults(command: str, name: str, default: Any, least: Any, 
             option.kind.read(name, str(refused))
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("initial", "0,91"), ("focal", "-3"), ("distortion", "0.1,0.2"), ("intrinsics", "300,300"), ("up", "up")],
+)
+def test_what_is_refused_when_it_is_read(name: str, text: str) -> None:
+    [option] = [option for option in list_options(PoseRequest) if option.name == name]
+    with pytest.raises(ValueError, match="must be"):
+        option.kind.read(name, text)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_flags_are_off_without_being_asked_for(command: str) -> None:
     assert not any(option.default for option in list_options(COMMANDS[command]) if option.kind is FLAG)

@@ -20,7 +20,9 @@ from nablahog.runtime.cache import FOLDER_VARIABLE, cache_folder, code_key
 
 INSTALLED = Path(cache.__file__).parents[1]
 FILES = [file.relative_to(INSTALLED) for file in INSTALLED.rglob("*") if file.is_file()]
-SHIPPED = sorted(file for file in FILES if "__pycache__" not in file.parts and not file.name.endswith(cache.COMPILED))
+SHIPPED = [file for file in FILES if "__pycache__" not in file.parts and not file.name.endswith(cache.COMPILED)]
+ONE_OF_EACH = sorted({(file.parent, file.suffix): file for file in sorted(SHIPPED)}.values())
+"""A file of each kind in each folder."""
 
 
 def key_of(package: Any, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -34,7 +36,7 @@ def key_of(package: Any, monkeypatch: pytest.MonkeyPatch) -> str:
 def copy(tmp_path: Path) -> Iterator[Path]:
     """A package with files of the same names, which are short."""
     package = tmp_path / "nablahog"
-    for file in SHIPPED:
+    for file in ONE_OF_EACH:
         (package / file).parent.mkdir(parents=True, exist_ok=True)
         (package / file).write_text(file.as_posix())
     yield package
@@ -42,13 +44,15 @@ def copy(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_every_file_counts(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert {".py", ".pyi", ".cpp", ".h", ".npz", ".html", ".js", ".css", ".csv"} <= {file.suffix for file in SHIPPED}
+    assert {".py", ".pyi", ".cpp", ".h", ".npz", ".html", ".js", ".css", ".csv"} <= {
+        file.suffix for file in ONE_OF_EACH
+    }
     keys = {key_of(copy, monkeypatch)}
-    for file in SHIPPED:
+    for file in ONE_OF_EACH:
         (copy / file).write_text("edited")
         keys.add(key_of(copy, monkeypatch))
         (copy / file).write_text(file.as_posix())
-    assert len(keys) == 1 + len(SHIPPED)
+    assert len(keys) == 1 + len(ONE_OF_EACH)
     assert key_of(copy, monkeypatch) in keys
     part = code_key(parts=("hog/", "io/"))
     for file, counts in (("cli/main.py", False), ("hog/spec.py", True)):

@@ -7,11 +7,16 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
 
 from nablahog.runtime.pytorch import _one_thread, in_threads, run_in_threads, seeded
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # of forks
+needs_fork = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
 
 
 def test_results_come_in_order(two_threads: None) -> None:
@@ -78,49 +83,47 @@ def test_errors_of_parts_come_when_all_have_ended(two_threads: None, bad: int) -
     assert len(ended) == 1
 
 
-def _in_child(results: multiprocessing.queues.SimpleQueue[list[int]]) -> None:
-    results.put(in_threads(lambda k: k, 3))
-
-
-@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
-def test_forked_processes_have_threads_of_their_own(two_threads: None) -> None:
-    in_threads(lambda k: k, 3)
+def run_forked(work: Callable[[], Any]) -> Any:
+    """The result of work in a process that is forked for it."""
     context = multiprocessing.get_context("fork")
     results = context.SimpleQueue()
-    child = context.Process(target=_in_child, args=(results,))
+    child = context.Process(target=lambda: results.put(work()))
     child.start()
-    child.join(30)
+    child.join(20)
+    child.kill()
     assert child.exitcode == 0
-    assert results.get() == [0, 1, 2]
+    return results.get()
 
 
-def _seeded_in_child(results: multiprocessing.queues.SimpleQueue[float]) -> None:
+@needs_fork
+def test_forked_processes_have_threads_of_their_own(two_threads: None) -> None:
+    in_threads(lambda k: k, 3)
+    assert run_forked(lambda: in_threads(lambda k: k, 3)) == [0, 1, 2]
+
+
+def _draw() -> float:
     with seeded(3):
-        results.put(float(torch.rand(1)))
+        return float(torch.rand(1))
 
 
-@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
-@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
+@needs_fork
 def test_a_process_forked_while_another_thread_seeds_can_seed() -> None:
     inside, leave = threading.Event(), threading.Event()
 
     def hold() -> None:
         with seeded(3):
             inside.set()
-            leave.wait(30)
+            leave.wait(60)
 
     thread = threading.Thread(target=hold)
     thread.start()
     inside.wait(30)
-    context = multiprocessing.get_context("fork")
-    child = context.Process(target=_seeded_in_child, args=(context.SimpleQueue(),))
-    child.start()
-    child.join(10)
-    child.kill()
-    leave.set()
-    thread.join()
-    assert child.exitcode == 0
+    try:
+        drawn = run_forked(_draw)
+    finally:
+        leave.set()
+        thread.join()
+    assert drawn == _draw()
 
 
 def test_the_generator_goes_on_as_before() -> None:

@@ -1,9 +1,14 @@
-"""Text as a terminal gets it: without control characters for terminals, and of limited length."""
+"""Text as a terminal gets it: without control characters for terminals, and of limited length; sentences of errors."""
 
 from __future__ import annotations
 
+import errno
+import os
+from pathlib import Path
+
 import pytest
 
+from nablahog.runtime.errors import explain
 from nablahog.runtime.text import one_line, printable
 
 
@@ -31,3 +36,14 @@ def test_one_line() -> None:
     assert " … " in long
     assert long.endswith("bbb")
     assert one_line("a" * 100, 100) == "a" * 100
+
+
+def test_errors_of_the_system_name_the_file_once_and_no_number(tmp_path: Path) -> None:
+    missing = tmp_path / "it's missing.obj"
+    for file in (missing, bytes(missing)):
+        with pytest.raises(FileNotFoundError) as caught:
+            os.stat(file)
+        assert explain(caught.value) == f"{missing}: no such file or directory"
+    assert explain(OSError(errno.ENOSPC, "No space left on device")) == "no space left on device"
+    assert explain(FileNotFoundError("a.png: no such file")) == "a.png: no such file"
+    assert explain(ValueError("No numbers")) == "No numbers"

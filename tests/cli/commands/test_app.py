@@ -11,8 +11,6 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
 
 def test_it_serves_until_it_is_interrupted(photo: str) -> None:
     command = [sys.executable, "-m", "nablahog", "app", "--port", "0", photo]
@@ -28,19 +26,6 @@ def test_it_serves_until_it_is_interrupted(photo: str) -> None:
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert (process.returncode, errors) in ((0, ""), (130, "nablahog app: error: interrupted\n"))
-
-
-def test_without_the_extra(refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    refused("app", message="the page needs uvicorn: pip install scikit-image starlette uvicorn")
-
-
-def test_samples_without_the_extra(
-    refused: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "skimage", None)
-    message = "a sample photograph needs skimage: pip install scikit-image"
-    refused("demo", "-o", str(tmp_path / "demo"), message=message)
 
 
 def test_what_it_refuses(refused: Callable[..., None], tmp_path: Path) -> None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import sys
+import shlex
 import zipfile
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 
+import fsspec
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
 from nablahog import hog, presets
+from nablahog.cli.image_lists import list_images
 from nablahog.cli.main import main
 from nablahog.io.dataset_manifest import MANIFEST
 from nablahog.io.descriptor_dataset import DescriptorDataset
@@ -145,28 +147,6 @@ def test_a_photograph_that_was_broken_is_described_when_it_is_repaired(
     assert all(row.stored is not None for row in DescriptorDataset(str(out)))
 
 
-def test_photographs_that_are_gone_or_changed_are_named(
-    photos: Path, tmp_path: Path, refused: Callable[..., None]
-) -> None:
-    out = str(tmp_path / "o.parquet")
-    main(["hog", str(photos), "-o", out, "--quiet"])
-    (photos / "0.png").unlink()
-    os.utime(photos / "5.png", (0, 0))
-    which = f"1 image not among the inputs ({photos / '0.png'}), 1 image changed ({photos / '5.png'}: its date alone)"
-    refused("hog", str(photos), "-o", out, message=f"it has other images than asked for: {which}; expected another -o")
-
-
-@pytest.mark.parametrize("damage", ["part-000001.parquet", MANIFEST])
-def test_other_commands_refuse_a_data_set_that_is_not_whole(
-    photos: Path, tmp_path: Path, refused: Callable[..., None], damage: str
-) -> None:
-    out = tmp_path / "o.parquet"
-    main(["hog", str(photos), "-o", str(out), "--quiet"])
-    (out / damage).unlink()
-    message = "3 of 8 images are not there, those of part-000001.parquet" if damage != MANIFEST else "no such data set"
-    refused("invert", str(out), "-o", str(tmp_path / "inverted"), message=message)
-
-
 def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
     lines = ["# some of them", f'"{photos / "2.png"}"', "", str(photos / "[5].png")]
     (tmp_path / "list.txt").write_text("\n".join(lines), encoding="utf-16")
@@ -263,11 +243,42 @@ def test_what_it_refuses(
     )
 
 
-def test_a_cluster_without_dask(
-    photos: Path, tmp_path: Path, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "nablahog.jobs.cluster", raising=False)
-    monkeypatch.setitem(sys.modules, "dask", None)
-    out = str(tmp_path / "o.parquet")
-    message = "a cluster needs dask: pip install dask distributed"
-    refused("hog", str(photos / "0.png"), "-o", out, "--cluster", "local:1", message=message)
+FILES = ("a10.png", "a2.jpg", "a1.png", ".b.png", "notes.txt", "more/b.jpg", "more/deep/c.jpg", ".hidden/d.jpg")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> str:
+    """A folder of files, also in memory and in an archive."""
+    memory, folder = fsspec.filesystem("memory"), tmp_path / "photos"
+    with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
+        for file in FILES:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / file).write_bytes(b"")
+            memory.pipe(f"/{tmp_path.name}/{file}", b"")
+            archive.writestr(f"photos/{file}", b"")
+    return str(folder)
+
+
+@pytest.mark.parametrize("pattern", ["", "/*.jpg", "/**/*.jpg", "/more", "/.hidden/*"])
+def test_stores_have_the_images_of_a_folder(folder: str, pattern: str, capsys: pytest.CaptureFixture[str]) -> None:
+    above = Path(folder).parent
+    beginnings = {
+        folder: f"{folder}/",
+        f"file://{folder}": f"file://{folder}/",
+        f"memory://{above.name}": f"memory:///{above.name}/",
+        "zip://photos": "zip://photos/",
+    }
+    found, told = [], []
+    for name, beginning in beginnings.items():
+        end = f"::{above / 'photos.zip'}" if name.startswith("zip") else ""
+        images, _ = list_images(Namespace(inputs=[f"{name}{pattern}{end}"], output="x.parquet", command="hog"))
+        found.append([image.path.removeprefix(beginning).removesuffix(end) for image in images])
+        told.append(capsys.readouterr().err)
+    assert found == [found[0]] * 4
+    if pattern == "":
+        assert found[0] == ["a1.png", "a2.jpg", "a10.png"]
+        for line in told:
+            assert "1 subfolder left out, such as more" in line
+            (advised,) = shlex.split(line.partition("a pattern takes them, ")[2])
+            images, _ = list_images(Namespace(inputs=[advised], output="x.parquet", command="hog"))
+            assert [Path(image.path.partition("::")[0]).name for image in images] == ["a2.jpg", "b.jpg", "c.jpg"]

@@ -21,7 +21,7 @@ from nablahog.jobs import runner
 from nablahog.jobs.worker import Work
 from nablahog.pose.whitening import Background
 
-from ...paper.common import ThisProcess
+from ...paper.common import ThisProcess, run_in_this_process
 from ..common import FAST, SMALL, names
 
 OTHER = ["--cluster", "tcp://of-these-tests:1"]
@@ -79,10 +79,7 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, sent: list[Any]) ->
 @pytest.mark.usefixtures("two_iterations")
 @pytest.mark.parametrize(
     "options",
-    [
-        ["--method", "paper", "--preset", "paper", "--size", "24"],
-        ["--samples", "2", "--preset", "paper", *SMALL],
-    ],
+    [["--method", "paper", "--preset", "paper", "--size", "24"], ["--samples", "2", "--preset", "paper", *SMALL]],
 )
 def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], options: list[str]) -> None:
     assert main(["invert", photo, *options, "-o", str(tmp_path / "one")]) == 0
@@ -92,22 +89,18 @@ def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], option
     torch.testing.assert_close(a, b, rtol=0, atol=2 / 255)
 
 
-def test_a_real_one(tmp_path: Path, photo: str) -> None:
-    assert main(["invert", photo, "-o", str(tmp_path / "out"), *FAST, "--cluster", "local:1"]) == 0
-    assert len(names(tmp_path / "out" / "work" / "inversions")) == 1
-
-
-@pytest.fixture
-def dataset(tmp_path: Path) -> str:
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The descriptors of four images, and of one that is none, in two files."""
-    folder = tmp_path / "photos"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("photos")
     for k in range(4):
         levels = np.random.default_rng(k).integers(0, 256, (32, 40), dtype=np.uint8)
         Image.fromarray(levels).save(folder / f"{k}.png")
     (folder / "x.png").write_bytes(b"no image")
-    out = tmp_path / "set.parquet"
-    assert main(["hog", str(folder), "-o", str(out), "--preset", "paper", "--workers", "1"]) == 3
+    out = folder / "set.parquet"
+    with pytest.MonkeyPatch.context() as patch:
+        run_in_this_process(patch)
+        assert main(["hog", str(folder), "-o", str(out), "--preset", "paper"]) == 3
     return str(out)
 
 

@@ -25,23 +25,15 @@ from nablahog.inputs.cameras import advise_on_size
 from nablahog.io.images import write_image
 from nablahog.io.lists import AnnotatedObject
 from nablahog.pose.result import DOUBT
-from nablahog.render import Mesh
 from nablahog.render.models import Model, save_meshes
 from nablahog.requests.pose import PoseRequest
-from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
+from tests.pose.common import SWIVEL, degrees_between, model, photographed
 
-from ..common import names
+from ..common import WEDGE, names, write_chairs
 
 AZIMUTH, ELEVATION = 130, 12
-WEDGE = "OFF\n6 5 0\n0 0 0\n2 0 0\n2 1 0\n0 1 0\n0 1 2\n2 1 2\n4 0 1 2 3\n4 3 2 5 4\n4 4 5 1 0\n3 0 3 4\n3 1 5 2\n"
 RESULTS = ["index.html", "poses.csv", "poses.json"]
-
-
-def write_off(path: Path, mesh: Mesh) -> None:
-    lines = ["OFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
-    lines += [" ".join(map(str, vertex)) for vertex in mesh.vertices.tolist()]
-    lines += ["3 " + " ".join(map(str, face)) for face in mesh.faces.tolist()]
-    path.write_text("\n".join(lines) + "\n")
+Run = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
@@ -54,26 +46,38 @@ def wedge(tmp_path: Path) -> str:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> list[str]:
-    """The arguments that name the photograph, two models and a damaged one, and the box."""
-    folder = tmp_path / "models"
-    folder.mkdir()
-    for name, seed in (("wooden", WOODEN), ("swivel", SWIVEL)):
-        write_off(folder / f"{name}.off", model(seed))
+    """The arguments that name the photograph, its model and the box; another model and a damaged one are beside it."""
+    folder = write_chairs(tmp_path / "models")
     (folder / "bad.off").write_text("hello")
     image, box = photographed(model(), AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
-    return [str(tmp_path / "chair.png"), "--mesh", str(folder), "--box", ",".join(f"{side:g}" for side in box)]
+    sides = ",".join(f"{side:g}" for side in box)
+    return [str(tmp_path / "chair.png"), "--mesh", str(folder / "wooden.off"), "--box", sides]
 
 
-def figures(folder: Path) -> dict[str, Any]:
-    (only,) = json.loads((folder / "poses.json").read_text())["annotations"]
-    return only  # type: ignore[no-any-return]
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Runs the command with results in the folder ``out``; the figures of the only object."""
+
+    def run_command(*words: str, status: int = 0) -> dict[str, Any]:
+        assert main(["pose", *words, "-o", str(tmp_path / "out")]) == status
+        (only,) = json.loads((tmp_path / "out" / "poses.json").read_text())["annotations"]
+        return only  # type: ignore[no-any-return]
+
+    return run_command
 
 
-def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    photograph, out = Path(scene[0]), tmp_path / "new" / "out"
-    before = photograph.read_bytes()
-    assert main(["pose", *scene, f"--init=-20,{ELEVATION}", "--page", "-o", str(out)]) == 0
+def read_row(tmp_path: Path) -> dict[str, str]:
+    (row,) = csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines())
+    return row
+
+
+def test_the_best_of_several_models(
+    tmp_path: Path, scene: list[str], run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photograph, out = Path(scene[0]), tmp_path / "out"
+    before, scene[2] = photograph.read_bytes(), str(tmp_path / "models")
+    result = run(*scene, f"--init=-20,{ELEVATION}", "--page")
     printed = capsys.readouterr()
     assert printed.err.startswith("nablahog pose: skipped: bad: ")
     assert printed.err.count("\n") == 1
@@ -82,7 +86,6 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
     assert names(out) == sorted([*RESULTS, "object_1.html"])
     assert photograph.read_bytes() == before
 
-    result = figures(out)
     assert result["model"] == "wooden"
     assert degrees_between(result["azimuth"], AZIMUTH) < 2
     assert abs(result["elevation"] - ELEVATION) < 4
@@ -98,10 +101,9 @@ def test_the_best_of_several_models(tmp_path: Path, scene: list[str], capsys: py
         assert text in page
     (cosine,) = re.findall(r"over ±0.1° is (\d\.\d\d)", page)
     assert float(cosine) > 0.7
-    index = (out / "index.html").read_text()
     whole_picture, close = (
         np.asarray(Image.open(BytesIO(base64.b64decode(text)))).astype(int)
-        for text in re.findall('data:image/png;base64,([^"]+)', index)
+        for text in re.findall('data:image/png;base64,([^"]+)', (out / "index.html").read_text())
     )
     assert whole_picture.shape == (240, 288, 3)  # as the photograph of 150x180
     assert close.shape == (240, 240, 3)
@@ -117,43 +119,33 @@ def is_red(pixels: NDArray[np.int_]) -> NDArray[np.bool_]:
 
 
 def test_chairs_that_come_with_the_package(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_meshes(tmp_path / "chairs.npz", {"swivel-1": model(SWIVEL), "wooden-0": model()})
     monkeypatch.setattr(pose, "SAMPLE_CHAIRS", tmp_path / "chairs.npz")
     image, box = photographed(model(SWIVEL), AZIMUTH, ELEVATION, behind="coffee")
     write_image(tmp_path / "chair.png", image)
-    sides = ",".join(f"{side:g}" for side in box)
-    to = ["--box", sides, f"--init=-20,{ELEVATION}", "-o", str(tmp_path / "out")]
-    assert main(["pose", str(tmp_path / "chair.png"), *to]) == 0
+    result = run(str(tmp_path / "chair.png"), "--box", ",".join(map(str, box)), f"--init=-20,{ELEVATION}")
     assert "swivel-1" in capsys.readouterr().out
-    assert figures(tmp_path / "out")["model"] == "swivel-1"
-    assert degrees_between(figures(tmp_path / "out")["azimuth"], AZIMUTH) < 5
+    assert result["model"] == "swivel-1"
+    assert degrees_between(result["azimuth"], AZIMUTH) < 5
 
 
-def test_the_papers_method(tmp_path: Path, scene: list[str], wedge: str) -> None:
+def test_the_papers_method(tmp_path: Path, scene: list[str], wedge: str, run: Run) -> None:
     scene[2] = wedge
-    out = tmp_path / "out"
-    options = ["--method", "paper", "--init", f"120,{ELEVATION}", "--page", "-o", str(out)]
-    assert main(["pose", *scene, *options]) == 0
-    assert figures(out)["similarity_kind"] == "patches"
-    page = (out / "object_1.html").read_text()
+    assert run(*scene, "--method", "paper", "--init", f"120,{ELEVATION}", "--page")["similarity_kind"] == "patches"
+    page = (tmp_path / "out" / "object_1.html").read_text()
     assert page.count('"l-path f-ground"') == 9  # rings: starts
-    for text in (
-        "the paths of the search",
-        "<td>paper, cells of 8x8 pixels</td>",
-        "<td>aubry, cells of 8x8 pixels</td>",
-    ):
+    for text in ("the paths of the search", *(f"<td>{spec}, cells of 8x8 pixels</td>" for spec in ("paper", "aubry"))):
         assert text in page
 
 
-def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     odd = os.fsdecode(b"\xff<b>[x]")
     photograph, mesh = tmp_path / f"{odd}.png", tmp_path / f"{odd}.off"
     os.rename(scene[0], photograph)
     os.rename(wedge, mesh)
-    options = ["--method", "exhaustive", "--init", "0,10", "--page", "-o", str(tmp_path / "out")]
-    assert main(["pose", str(photograph), "--mesh", str(mesh), *options]) == 0
+    run(str(photograph), "--mesh", str(mesh), "--method", "exhaustive", "--init", "0,10", "--page")
     assert r"\xff<b>[x]" in capsys.readouterr().out
     for name in ("index.html", "object_1.html"):
         page = (tmp_path / "out" / name).read_text()
@@ -161,7 +153,9 @@ def test_odd_names(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.
         assert "<b>" not in page
 
 
-def test_axes_of_the_model(tmp_path: Path, scene: list[str], wedge: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_axes_of_the_model(
+    tmp_path: Path, scene: list[str], wedge: str, run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A wedge on its side in a file of y up, its front to +x, is the same object."""
     lines = WEDGE.splitlines()
     corners = [line.split() for line in lines[2:8]]
@@ -171,9 +165,7 @@ def test_axes_of_the_model(tmp_path: Path, scene: list[str], wedge: str, capsys:
     on_its_side.write_text("\n".join([*lines[:2], *moved, *lines[8:]]) + "\n")
     poses = []
     for path, axes in ((wedge, []), (str(on_its_side), ["--up", "y", "--front=+x"])):
-        options = ["--method", "exhaustive", "--init", "0,10", *axes, "-o", str(tmp_path / "out")]
-        assert main(["pose", scene[0], "--mesh", path, *options]) == 0
-        poses.append(figures(tmp_path / "out"))
+        poses.append(run(scene[0], "--mesh", path, "--method", "exhaustive", "--init", "0,10", *axes))
         assert poses[-1]["bbox"] == [0, 0, 180, 150]
         assert poses[-1]["similarity"] < 5  # a wedge is no chair
         said = capsys.readouterr().err
@@ -199,49 +191,27 @@ def test_advice_on_a_warning_fits_it(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
-    photograph, _, folder, _, box = scene
-    to = ["-o", str(tmp_path / "out")]
-
-    def check(message: str, status: int = 1, **changes: Any) -> None:
-        options: dict[str, Any] = {"mesh": Path(folder, "wooden.off"), "box": box} | changes
-        argv = [str(part) for key, value in options.items() for part in (f"--{key}={value}",)]
-        refused("pose", photograph, *argv, *to, message=message, status=status)
-
-    check("--focal must be in pixels, got '35mm': multiply by", focal="35mm", status=2)
-    refused("pose", photograph, "--init", "-30,10", *to, message="written --init=-", status=2)
-    check("the elevation of --init must be a finite number in -90 … 90, got 91", 2, init="0,91")
-    check("--focal must be a finite number of pixels above 0", 2, focal="-3")
-    check("--up must be one of 'x', 'y', 'z'", 2, up="up")
-    check("got 'z' and '-z'", 2, up="z", front="-z")
-    check("models/bad.off: ", mesh=Path(folder, "bad.off"))
-    check(f"error: {folder}/no.obj: no such file", mesh=Path(folder, "no.obj"))
-    check("whose EXIF data has one", focal="exif")
-    check("--principal-point needs a known focal length", **{"principal-point": "80,70"})
-    check("--distortion needs a known focal length", distortion="0.1,0,0,0")
-    check("--distortion must be OpenCV's k1, k2, p1, p2, k3", 2, distortion="0.1,0.2")
-    check("--intrinsics must be a camera matrix (3, 3), or fx, fy, cx, cy", 2, intrinsics="300,300")
-    check("--within needs --init", 2, within="20")
-    check("leave --focal and --principal-point out", 2, intrinsics="300,300,90,75", focal="300")
-    check("camera.json: no such file", intrinsics=tmp_path / "camera.json")
-    cameras = tmp_path / "cameras.txt"
-    cameras.write_text("1 SIMPLE_RADIAL 640 480 300 320 240 -0.1\n")
-    check("--intrinsics is for photographs of 480x640 pixels (height x width), got 150x180", intrinsics=cameras)
+    folder, cameras = Path(scene[2]).parent, tmp_path / "cameras.txt"
     cameras.write_text("1 SIMPLE_RADIAL 360 300 600 180 152 -0.1\n")
-    check("write --intrinsics=300,300,90,76 and --distortion=-0.1,0,0,0,0", intrinsics=cameras)
-    check("expected no --distortion", intrinsics=cameras, distortion="0.1,0,0,0")
     (tmp_path / "empty").mkdir()
-    check("expected a folder of CAD models", mesh=tmp_path / "empty")
-    (tmp_path / "empty" / "a.off").write_text("hello")
-    (tmp_path / "empty" / "b.ply").write_text("hello")
-    check("no model can be read; the first: ", mesh=tmp_path / "empty")
-    refused("pose", folder, "--mesh", f"{folder}/wooden.off", *to, message="expected an image file, got a folder")
-    refused("pose", photograph, "--up", "y", *to, message="--up and --front", status=2)
+    for message, status, *words in (
+        ("written --init=-", 2, "--init", "-30,10"),
+        ("--up must be one of 'x', 'y', 'z'", 2, "--up", "up"),
+        ("got 'z' and '-z'", 2, "--up", "z", "--front=-z"),
+        ("models/bad.off: ", 1, "--mesh", f"{folder}/bad.off"),
+        ("expected a folder of CAD models", 1, "--mesh", str(tmp_path / "empty")),
+        ("whose EXIF data has one", 1, "--focal", "exif"),
+        ("--within needs --init", 2, "--within", "20"),
+        ("leave --focal and --principal-point out", 2, "--intrinsics", "300,300,90,75", "--focal", "300"),
+        ("write --intrinsics=300,300,90,76 and --distortion=-0.1,0,0,0,0", 1, "--intrinsics", str(cameras)),
+    ):
+        refused("pose", *scene, *words, "-o", str(tmp_path / "out"), message=message, status=status)
+    refused("pose", scene[0], "--up", "y", "-o", str(tmp_path / "out"), message="--up and --front", status=2)
 
 
-def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path) -> None:
-    photo, _, folder, *_, box = scene
-    assert main(["pose", photo, "--mesh", f"{folder}/wooden.off", "-o", str(tmp_path / "out"), "--init", "0,12"]) == 0
-    result, (x0, y0, x1, y1) = figures(tmp_path / "out"), map(float, box.split(","))
+def test_without_a_box_the_object_is_looked_for(scene: list[str], run: Run) -> None:
+    x0, y0, x1, y1 = map(float, scene[4].split(","))
+    result = run(*scene[:3], "--init", "0,12")
     assert degrees_between(result["azimuth"], AZIMUTH) < 3
     assert np.abs(np.subtract(result["bbox"], [x0, y0, x1 - x0, y1 - y0])).max() < 15
     assert 0.5 < result["confidence"] <= 1
@@ -249,111 +219,85 @@ def test_without_a_box_the_object_is_looked_for(scene: list[str], tmp_path: Path
 
 
 def test_a_pose_that_is_not_sure_is_refused(
-    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: list[str], tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """There is no chair in the photograph."""
-    empty, out = tmp_path / "empty.png", tmp_path / "out"
-    Image.fromarray(np.full((120, 120), 128, np.uint8)).save(empty)
-    arguments = ["pose", str(empty), *scene[1:3], "--box", "10,10,110,110", "-o", str(out)]
-    assert main(arguments) == 4
+    scene[0] = str(tmp_path / "empty.png")
+    Image.fromarray(np.full((120, 120), 128, np.uint8)).save(scene[0])
+    scene[4] = "10,10,110,110"
+    result = run(*scene, status=4)
     assert "nablahog pose: refused, with a confidence below" in capsys.readouterr().err
-    assert figures(out)["refused"]
-    assert figures(out)["warning"] in (out / "index.html").read_text(encoding="utf-8")
-    assert main([*arguments, "--least-confidence", "0"]) == 0
+    assert result["refused"]
+    assert result["warning"] in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    run(*scene, "--least-confidence", "0")
 
 
-def test_the_lens_and_the_initial_azimuth_are_taken(scene: list[str], tmp_path: Path) -> None:
-    """The photograph is made with a focal length of 300 pixels, 2.8 away."""
-    photo, _, folder, _, box = scene
+def test_where_the_focal_length_is_from(scene: list[str], run: Run) -> None:
     exif = Image.Exif()
     exif[ExifTags.Base.Orientation] = 1  # without any tag of its own, Pillow writes none to a PNG
     exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 50}
-    Image.open(photo).save(photo, exif=exif)
-    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, f"--init={AZIMUTH + 20},{ELEVATION}"]
-    common += ["-o", str(tmp_path / "out")]
-    poses = []
-    for more in (
-        ["--within", "40", "--focal", "300"],
-        ["--focal", "exif", "--principal-point", "80,70", "--method", "exhaustive"],
-        ["--focal", "unknown", "--method", "exhaustive"],
-        ["--method", "exhaustive"],
-    ):
-        assert main([*common, *more]) == 0
-        poses.append(figures(tmp_path / "out"))
-    assert degrees_between(poses[0]["azimuth"], AZIMUTH) < 3
-    assert poses[0]["distance"] == pytest.approx(2.8, abs=0.15)
-    assert poses[0]["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
-    assert [each["focal_length_from"] for each in poses] == ["given", "exif", "assumed", "exif"]
-    assert poses[1]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
-    assert [each["principal_point"] for each in poses] == [[90, 75], [80, 70], None, [90, 75]]
-    extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
-    assert poses[0]["distance_in_file_units"] == pytest.approx(poses[0]["distance"] * np.linalg.norm(extent))
+    Image.open(scene[0]).save(scene[0], exif=exif)
+    search = ["--method", "exhaustive", f"--init={AZIMUTH + 20},{ELEVATION}"]
+    poses = [
+        run(*scene, *search, *more)
+        for more in (["--focal", "exif", "--principal-point", "80,70"], ["--focal", "unknown"], [])
+    ]
+    assert [each["focal_length_from"] for each in poses] == ["exif", "assumed", "exif"]
+    assert poses[0]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
+    assert [each["principal_point"] for each in poses] == [[80, 70], None, [90, 75]]
 
 
-def test_standard_deviations_are_beside_the_figures(
-    scene: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_the_figures(
+    scene: list[str], tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    photo, _, folder, _, box = scene
-    common = ["pose", photo, "--mesh", f"{folder}/wooden.off", "--box", box, "-o", str(tmp_path / "out")]
-    assert main([*common, "--focal", "300", "--page"]) == 0
-    printed, result, out = capsys.readouterr().out, figures(tmp_path / "out"), tmp_path / "out"
-    deviations = result["standard_deviations"]
-    assert degrees_between(result["azimuth"], AZIMUTH) < 4 * deviations["azimuth"]
-    assert abs(result["distance"] - 2.8) < 4 * deviations["distance"]
+    """The photograph is made with a focal length of 300 pixels, 2.8 away."""
+    result = run(*scene, f"--init={AZIMUTH + 20},{ELEVATION}", "--within", "40", "--focal", "300", "--page")
+    printed, deviations = capsys.readouterr().out, result["standard_deviations"]
+    assert degrees_between(result["azimuth"], AZIMUTH) < min(3, 4 * deviations["azimuth"])
+    assert abs(result["distance"] - 2.8) < min(0.15, 4 * deviations["distance"])
+    assert result["intrinsics"] == [[300, 0, 90], [0, 300, 75], [0, 0, 1]]
+    assert (result["focal_length_from"], result["principal_point"]) == ("given", [90, 75])
+    extent = np.ptp(model().vertices.numpy(), axis=0)  # the file has them as they are
+    assert result["distance_in_file_units"] == pytest.approx(result["distance"] * np.linalg.norm(extent))
     assert np.linalg.norm(result["position"]) == pytest.approx(result["distance_in_file_units"])
     assert result["position_std"][2] == pytest.approx(deviations["distance_in_file_units"], rel=0.05)
-    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
+    row = read_row(tmp_path)
     assert float(row["azimuth_std"]) == deviations["azimuth"]
     assert float(row["position_z_std"]) == result["position_std"][2]
     shown = f" ± {deviations['azimuth']:.2f}" if deviations["azimuth"] < 1 else f" ± {deviations['azimuth']:.1f}"
-    for text in (printed, *((out / name).read_text() for name in ("index.html", "object_1.html"))):
-        assert shown in text
-    for text in (printed, *(unescape((out / name).read_text()) for name in ("index.html", "object_1.html"))):
-        assert f"{result['position'][2]:.3f} ± " in text
-        assert "z, units of" in text
-        assert "half_turn" in text
+    for text in (printed, *((tmp_path / "out" / name).read_text() for name in ("index.html", "object_1.html"))):
+        for said in (shown, f"{result['position'][2]:.3f} ± ", "z, units of", "half_turn"):
+            assert said in unescape(text)
     assert not re.search(r"\de-\d", printed)  # probabilities that nobody measured
-    assert main([*common, "--focal", "unknown"]) == 0
+    run(*scene, "--focal", "unknown")
     assert "units of" not in capsys.readouterr().out
-    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
+    row = read_row(tmp_path)
     assert row["distance_std"] == row["position_x_std"] == ""
     assert float(row["azimuth_std"]) > 0
-    assert main([*common, "--method", "exhaustive"]) == 0
-    (row,) = csv.DictReader((out / "poses.csv").read_text().splitlines())
-    assert row["azimuth_std"] == ""
-    assert figures(out)["covariance"] is None
+    assert run(*scene, "--method", "exhaustive")["covariance"] is None
+    assert read_row(tmp_path)["azimuth_std"] == ""
 
 
-def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], run: Run) -> None:
     """Numbers, COLMAP's file and OpenCV's ask for the same; boxes are in pixels of the photograph, as it is."""
-    photo, _, folder, _, box = scene
     (tmp_path / "cameras.txt").write_text("# one\n7 OPENCV 180 150 300 290 92 73 -0.2 0.05 0.001 0\n")
     coefficients = {"rows": 1, "cols": 5, "data": [-0.2, 0.05, 0.001, 0, 0]}
     matrix = [[300.0, 0.0, 92.0], [0.0, 290.0, 73.0], [0.0, 0.0, 1.0]]
     camera = {"camera_matrix": {"data": [*matrix[0], *matrix[1], *matrix[2]]}, "distortion_coefficients": coefficients}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
-    common = [
-        "pose",
-        photo,
-        "--mesh",
-        f"{folder}/wooden.off",
-        "--box",
-        box,
-        "--init",
-        f"{AZIMUTH},{ELEVATION}",
-        "--page",
+    poses = [
+        run(*scene, "--init", f"{AZIMUTH},{ELEVATION}", "--page", "--intrinsics", *words)
+        for words in (
+            ("300,290,92,73", "--distortion=-0.2,0.05,0.001,0"),
+            (str(tmp_path / "cameras.txt"),),
+            (str(tmp_path / "camera.json"),),
+        )
     ]
-    poses = []
-    for more in (
-        ["--intrinsics", "300,290,92,73", "--distortion=-0.2,0.05,0.001,0"],
-        ["--intrinsics", str(tmp_path / "cameras.txt")],
-        ["--intrinsics", str(tmp_path / "camera.json")],
-    ):
-        assert main([*common, *more, "-o", str(tmp_path / "out")]) == 0
-        poses.append({key: value for key, value in figures(tmp_path / "out").items() if key != "seconds"})
+    for each in poses:
+        del each["seconds"]
     assert poses[0] == poses[1] == poses[2]
     x0, y0, width, height = poses[0]["bbox"]
-    assert [x0, y0, x0 + width, y0 + height] == [float(side) for side in box.split(",")]
+    assert [x0, y0, x0 + width, y0 + height] == [float(side) for side in scene[4].split(",")]
     assert degrees_between(poses[0]["azimuth"], AZIMUTH) < 5
     assert poses[0]["photograph_camera"]["camera_matrix"] == matrix
     assert poses[0]["focal_length_from"] == "given"
@@ -364,12 +308,10 @@ def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], caps
     assert page.count(f"{poses[0]['similarity']:.3g}") >= 2  # in the table, and where the figure's differs
 
 
-def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path) -> None:
+def test_a_mask_takes_the_place_of_the_box(scene: list[str], tmp_path: Path, run: Run) -> None:
     clean, box = photographed(model(), AZIMUTH, ELEVATION)
     write_image(tmp_path / "mask.png", (clean < 0.999).float())
-    command = ["pose", scene[0], "--mesh", f"{scene[2]}/wooden.off", "--mask", str(tmp_path / "mask.png")]
-    assert main([*command, "-o", str(tmp_path / "out")]) == 0
-    result = figures(tmp_path / "out")
+    result = run(*scene[:3], "--mask", str(tmp_path / "mask.png"))
     expected = [box.x0, box.y0, box.width, box.height]
     assert max(abs(one - other) for one, other in zip(result["bbox"], expected, strict=True)) <= 2
     assert degrees_between(result["azimuth"], AZIMUTH) < 2

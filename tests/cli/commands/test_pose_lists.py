@@ -1,4 +1,4 @@
-"""`nablahog pose` of a list of objects."""
+"""`nablahog pose` of a list of objects; a second answer, in its tables and on the page of a pose."""
 
 from __future__ import annotations
 
@@ -7,25 +7,32 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
+from nablahog import estimate_pose, sample_chairs
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
+from nablahog.cli.results.pose_files import PosedObject, rows
+from nablahog.cli.results.pose_page import pose_page
 from nablahog.cli.results.pose_pictures import SIDE, picture_size
 from nablahog.io.images import read_image, write_image
 from nablahog.io.input_file import InputFile
-from nablahog.io.lists import read_objects
+from nablahog.io.lists import AnnotatedObject, read_objects
+from nablahog.pose import PoseEstimate
 from nablahog.pose.lens import choose_lens
-from nablahog.render import load_mesh
-from tests.pose.common import SWIVEL, WOODEN, degrees_between, model, photographed
+from nablahog.pose.result import pose_figures
+from nablahog.render import Camera, load_mesh, render
+from tests.pose.common import degrees_between, model, photographed
 
 from ...paper.common import run_in_this_process
-from ..common import names
-from .test_pose import RESULTS, write_off
+from ..common import names, write_chairs
+from .test_pose import RESULTS
 
 AZIMUTH, ELEVATION = 130, 12
 TRUE = {"a.png": 130.0, "b.png": 40.0}
@@ -36,9 +43,7 @@ def photos(tmp_path: Path, here: None) -> Path:
     """Two photographs of a chair, with a list of them as CSV, and two models."""
     folder = tmp_path / "photos"
     folder.mkdir()
-    (tmp_path / "models").mkdir()
-    for name, seed in (("wooden", WOODEN), ("swivel", SWIVEL)):
-        write_off(tmp_path / "models" / f"{name}.off", model(seed))
+    write_chairs(tmp_path / "models")
     lines = ["image,x0,y0,x1,y1,azimuth,elevation"]
     for name, azimuth in TRUE.items():
         image, box = photographed(model(), azimuth, 12, behind="coffee")
@@ -85,12 +90,8 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
 
 @pytest.mark.parametrize(
     "camera",
-    [
-        ["--intrinsics", "300,270,92,73"],
-        ["--intrinsics", "300,300,92,73", "--distortion=-0.3,0.1,0.001,-0.002,0.01"],
-        ["--intrinsics", "300,330,60,90", "--distortion=0.2,0,0,0"],
-    ],
-    ids=["unequal focal lengths", "distortion", "both, off the middle"],
+    [["--intrinsics", "300,270,92,73"], ["--intrinsics", "300,330,60,90", "--distortion=0.2,0,0,0"]],
+    ids=["unequal focal lengths", "distortion, too, and off the middle"],
 )
 def test_poses_of_a_calibrated_camera_are_stored_and_shown(tmp_path: Path, photos: Path, camera: list[str]) -> None:
     """The pictures on the page are of the whole undistorted photograph, beside whole close-ups."""
@@ -152,3 +153,42 @@ def test_bad_lists(tmp_path: Path, photos: Path, refused: Callable[..., None]) -
     refused(*whole, message="objects.csv, line 2, column y1 must be a finite number, got 'w'")
     (tmp_path / "objects.csv").write_text("image\nnone.png\nother.png\n")
     refused(*whole, message="no object has a pose; the first: object 1: ")
+
+
+MESHES = dict(list(sample_chairs().items())[:1])
+
+
+@pytest.fixture(scope="module")
+def photograph() -> Tensor:
+    (mesh,) = MESHES.values()
+    pose = torch.tensor([[180.0, 10, 2, 0, 0, 0]])
+    return render(mesh, pose, Camera.from_field_of_view(30, 128, 128))[0]
+
+
+@pytest.fixture(scope="module")
+def found(photograph: Tensor) -> PoseEstimate:
+    estimate = estimate_pose(photograph, MESHES, box=(28, 12, 95, 125), initial=(180, 10))
+    assert estimate.runners_up
+    return estimate
+
+
+def with_second(found: PoseEstimate, confidence: float) -> PoseEstimate:
+    rival = replace(found.runners_up[0], azimuth=1.6, elevation=12.4, confidence=confidence)
+    return replace(found, runners_up=(rival,))
+
+
+@pytest.mark.parametrize(("confidence", "shown"), [(0.31, "2°, 12° (0.31)"), (0.14, None)])
+def test_the_table_has_it_where_it_is_likely(found: PoseEstimate, confidence: float, shown: str | None) -> None:
+    listed = AnnotatedObject(1, "a.png", None, None)
+    posed = PosedObject(listed, pose_figures(with_second(found, confidence)))
+    failed = PosedObject(listed, failure="no such file")
+    assert [row["second"] for row in rows([posed, failed])] == [shown, None]
+
+
+def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -> None:
+    with_it, without = (
+        pose_page("a.png", photograph, with_second(found, confidence), MESHES, "best") for confidence in (0.31, 0.14)
+    )
+    assert "second answer: azimuth 2°, confidence 0.31" in with_it
+    assert "second answer: azimuth 2°" not in without
+    assert with_it.count("data:image/png") == without.count("data:image/png") + 1

@@ -18,10 +18,9 @@ from nablahog.paper.examples import CONDITIONS
 from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 
 from ...paper import test_pascal3d
-from ..common import names
+from ..common import TETRAHEDRON, names
 
 TABLES = ["failures.csv", "index.html", "per_object.csv", "summary.csv", "work"]
-TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
 NONE = ["--conditions", "none"]
@@ -73,18 +72,15 @@ def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["table2", "-o", str(out), "--objects", "3", "--methods", "paper,exemplar", "--workers", "1"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    for text in ("58.9", "Ran: exemplar, paper", "< 22.5°", "3 scenes of 24 procedural chairs"):
+    for text in ("Ran: exemplar, paper", "3 scenes of 24 procedural chairs", "Failed: 0000, exemplar: no detection"):
         assert text in printed.out
-    assert "Failed: 0000, exemplar: no detection" in printed.out
     assert str(out / "index.html") in printed.out
     assert names(out) == TABLES
     rows = [row for row in _rows(out / "per_object.csv") if "/" not in row["object"]]
     assert [row["object"] for row in rows] == ["0000", "0001", "0002"]
     assert all(row["model"] == row["found_model"] for row in rows)
     assert all(abs(float(row["true_elevation"]) - float(row["elevation"])) <= 5 for row in rows)
-    assert {row["reason"] for row in _rows(out / "failures.csv")} == {"no detection"}
     assert len(_rows(out / "failures.csv")) == 3 + 3 * len(CONDITIONS)
-    assert "base64" in (out / "index.html").read_text()
 
 
 def test_models_and_viewpoints_of_mine(tmp_path: Path, models: str, capsys: pytest.CaptureFixture[str]) -> None:
