@@ -17,7 +17,7 @@ from .prior_dialects import FEW, PAPER, UNSIGNED
 
 def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
     for spec in UNSIGNED.values():
-        image = photograph(128)
+        image = photograph(64)
         descriptor, prior = hog(image, spec), tiny_models.prior(PAPER)
         for confidence in (prior.polarity_confidence, prior.region_confidence):
             one, other = (confidence(each, descriptor, spec) for each in (image, 1 - image))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,7 +76,7 @@ class Pixels:
     """Gray values as unknowns, which vmap can map, unlike the cosine transform."""
 
     def image(self, unknowns: Tensor) -> Tensor:
-        return unknowns.reshape(-1, 1, 12, 12).clone()
+        return unknowns.reshape(-1, 1, 8, 8).clone()
 
     def adjoint(self, grad_image: Tensor) -> Tensor:
         return grad_image.flatten(1)
@@ -84,18 +85,10 @@ class Pixels:
 def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
     spec = presets.paper(4)
     generator = torch.Generator().manual_seed(0)
-    image, noise = (torch.rand(1, 1, 12, 12, generator=generator, dtype=torch.float64) for _ in range(2))
-    descriptor = hog(image, spec)
-    objective = PreimageObjective(
-        descriptor,
-        None,
-        spec,
-        Pixels(),  # type: ignore[arg-type]
-        FlatRegions(descriptor, spec, 12, 12),
-        [RelativeSmoothness(0.02)],
-        image.flip(3),
-        0.1,
-    )
+    image, noise = (torch.rand(1, 1, 8, 8, generator=generator, dtype=torch.float64) for _ in range(2))
+    descriptor, pixels = hog(image, spec), Pixels()
+    terms: list[Any] = [FlatRegions(descriptor, spec, 8, 8), [RelativeSmoothness(0.02)], image.flip(3), 0.1]
+    objective = PreimageObjective(descriptor, None, spec, pixels, *terms)  # type: ignore[arg-type]
     problem = SumOfSquares(objective.residuals)
     accepted = compare(problem, noise.flatten(1), 3)
     assert sum(accepted) == 3

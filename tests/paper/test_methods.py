@@ -40,7 +40,8 @@ def test_published_figures() -> None:
 
 
 @pytest.mark.parametrize("name", SOME)
-def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str]) -> None:
+def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.paper.baselines.cnn_hog.RATE_ITERATIONS", 10)
     method = METHODS[name]
     original = photographs(1, 40 if name == "bovw" else 32).images["0.png"]  # two windows of words, at least
     sent: ReconstructionMethod = pickle.loads(pickle.dumps(method))  # as it reaches the workers

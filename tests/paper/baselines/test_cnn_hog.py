@@ -89,7 +89,7 @@ def photographs() -> Tensor:
     from nablahog.io.images import limit_size
 
     return torch.stack(
-        [limit_size(torch.from_numpy(data.camera()[a : a + 256, 100:356])[None] / 255, 48) for a in (0, 60)]
+        [limit_size(torch.from_numpy(data.camera()[a : a + 256, 100:356])[None] / 255, 32) for a in (0, 60)]
     )
 
 
@@ -98,7 +98,7 @@ def test_inverts(photographs: Tensor, bilinear: bool) -> None:
     net = CNNHOG(8, bilinear=bilinear)
     descriptor = net.descriptor(photographs)
     result = net.reconstruct(descriptor, seed=1)
-    assert result.image.shape == (2, 1, 48, 48)
+    assert result.image.shape == (2, 1, 32, 32)
     assert (float(result.image.min()), float(result.image.max())) == (0, 1)
     assert result.history.shape == (800, 2)
     assert result.evaluations.tolist() == [800, 800]
