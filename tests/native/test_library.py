@@ -86,7 +86,6 @@ def test_a_source_that_has_changed_is_not_ignored(tmp_path: Path) -> None:
     if not header.exists():
         pytest.skip("the package is installed without its sources")
     program = "from nablahog import native; print(native.available())"
-    assert run(program, PYTHONPATH=str(tmp_path)).stdout == "True\n"
     for file in header.parent.glob("*.h"):  # as `cp -r` does
         file.touch()
     assert run(program, PYTHONPATH=str(tmp_path)).stdout == "True\n"

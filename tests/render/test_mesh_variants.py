@@ -50,12 +50,16 @@ def _rows(corners: list[str], of_vertices: str = "", of_faces: str = "") -> str:
     return "\n".join([*(c + of_vertices for c in corners), *(f"4 {q}{of_faces}" for q in QUADS)]) + "\n"
 
 
+def _body(order: str, of_vertex: bytes, of_face: bytes) -> bytes:
+    """The rows of a binary file."""
+    vertices = (struct.pack(f"{order}3f", *map(float, corner.split())) + of_vertex for corner in CORNERS)
+    faces = (struct.pack(f"{order}B4i", 4, *map(int, quad.split())) + of_face for quad in QUADS)
+    return b"".join([*vertices, *faces, b"\n"])
+
+
 def _binary_ply(order: str) -> bytes:
     head = _ply(kind=f"binary_{'little' if order == '<' else 'big'}_endian", of_faces=RGB)
-    body = b"".join(struct.pack(f"{order}3f", *map(float, corner.split())) for corner in CORNERS)
-    for quad in QUADS:
-        body += struct.pack(f"{order}B4i3B", 4, *map(int, quad.split()), 255, 0, 0)
-    return head.encode() + body + b"\n"
+    return head.encode() + _body(order, b"", b"\xff\0\0")
 
 
 @pytest.mark.parametrize(
@@ -183,18 +187,11 @@ def test_a_textured_ply(tmp_path: Path, there: bool, by_face: bool, binary: bool
         of_faces="property list uchar float texcoord\n" if by_face else "",
     ).replace("element", "comment TextureFile a w.png\nelement", 1)
     if binary:
-        of_vertex, of_face = (
-            b"\xff\0\0" + struct.pack("<2f", 0.3, 0.3) * (not by_face),
-            struct.pack("<B8f", 8, *[0.3] * 8),
-        )
-        body = b"".join(struct.pack("<3f", *map(float, corner.split())) + of_vertex for corner in CORNERS)
-        for quad in QUADS:
-            body += struct.pack("<B4i", 4, *map(int, quad.split())) + of_face * by_face
-        content = head.encode() + body + b"\n"
+        of_vertex = b"\xff\0\0" + struct.pack("<2f", 0.3, 0.3) * (not by_face)
+        body = _body("<", of_vertex, struct.pack("<B8f", 8, *[0.3] * 8) * by_face)
     else:
-        content = (
-            head + _rows(CORNERS, " 255 0 0" + " .3 .3" * (not by_face), " 8" + " .3" * 8 if by_face else "")
-        ).encode()
+        body = _rows(CORNERS, " 255 0 0" + " .3 .3" * (not by_face), (" 8" + " .3" * 8) * by_face).encode()
+    content = head.encode() + body
     mesh = load_mesh(write(tmp_path, "a.ply", content))
     assert len(mesh.faces) == 12
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, 0.2 if there else RED))
