@@ -21,6 +21,7 @@ from nablahog.cli.arguments.parsers import KINDS, TRAINING_SIZE
 from nablahog.cli.commands import learn
 from nablahog.cli.main import main
 from nablahog.invert.prior.provenance import digest_of_weights
+from nablahog.invert.prior.signed_network import Architecture
 from nablahog.paper.learned import LEARNED
 from nablahog.pose.whitening import Background
 
@@ -45,8 +46,9 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Dictionaries of a few atoms, and few words."""
-    for kind, few in {"hoggles": {"atoms": 20, "iterations": 7}, "bovw": {"words": 3}}.items():
+    """A tiny network, a dictionary of a few atoms, and few words."""
+    tiny: dict[str, dict[str, Any]] = {"prior": {"architecture": Architecture((4, 4, 4), (0, 0, 0))}}
+    for kind, few in {**tiny, "hoggles": {"atoms": 20, "iterations": 7}, "bovw": {"words": 3}}.items():
         learner = LEARNED[kind]
         monkeypatch.setitem(LEARNED, kind, replace(learner, learn=partial(learner.learn, **few)))
 
