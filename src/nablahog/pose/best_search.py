@@ -34,7 +34,7 @@ from .vote import (
 SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which side of the object a pose sees
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
-_FULL_ASCENTS, _SHORT_SHARE = 2, 0.9  # most full ones, from the best ends of these; shares are of the best score
+_FULL_ASCENTS, _SHORT_SHARE = 3, 0.75  # most full ones, from the best ends of these; shares are of the best score
 _REPEATS = 2  # of rounds of a full ascent that ended far away
 # coarse similarities near views that fill the given box, from which on no other boxes are searched
 _ENOUGH_TILTED, _ENOUGH_CLIMBED = 6.5, 8.0
