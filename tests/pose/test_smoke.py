@@ -20,4 +20,6 @@ def test_a_clean_rendering(azimuth: float) -> None:
     assert estimate.renderings > 100
     (trace,) = [trace for trace in estimate.traces if trace.azimuths[-1] % 360 == estimate.azimuth]
     assert len(trace.azimuths) == 4  # a view all around, the ends of a coarse and a short ascent, and the maximum
-    assert list(trace.similarities) == sorted(trace.similarities)
+    view, climbed, *_, maximum = trace.similarities  # of large cells; the last ascents climb those of small ones
+    assert view <= climbed
+    assert view < maximum
