@@ -156,9 +156,9 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 def distinct_stems(paths: Sequence[Path]) -> list[str]:
     """The stems of ``paths``; where different files have the same, each with a hash of its path: ``a_0f3c91d2``, ``b``.
 
-    A hash, unlike a number, does not depend on the other paths: where more are gone or new, it is that of the same
-    file.  A file that is there again has a number, ``b_2``.  Stems that differ only in case count as
-    the same, as they are on some file systems; very long ones are cut.
+    A hash, unlike a number, does not depend on the other paths: a file keeps its own when others come or go.  A file
+    that is listed twice has a number, ``b_2``.  Stems that differ only in case count as the same, as they are on some
+    file systems; very long ones are cut.
     """
     stems = [_shorten(path.stem) or "input" for path in paths]
     counts = Counter(stem.casefold() for stem, _ in {*zip(stems, map(os.path.abspath, paths), strict=True)})
