@@ -32,10 +32,11 @@ from .vote import (
 )
 
 SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which side of the object a pose sees
+_LONG_SCHEDULE = SCHEDULE[:3]  # of long ones, after which the best pose is rarely another; only it is worth the rest
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
-_FULL_ASCENTS, _SHORT_SHARE = 3, 0.75  # most full ones, from the best ends of these; shares are of the best score
-_REPEATS = 2  # of rounds of a full ascent that ended far away
+_LONG_ASCENTS, _SHORT_SHARE = 3, 0.75  # most long ones, from the best ends of these; shares are of the best score
+_REPEATS = 2  # of rounds of a long ascent that ended far away
 # coarse similarities near views that fill the given box, from which on no other boxes are searched
 _ENOUGH_TILTED, _ENOUGH_CLIMBED = 6.5, 8.0
 _AVERAGED = 8  # best poses of the side with most votes, whose viewpoints are averaged
@@ -63,10 +64,10 @@ class BestSearch(SearchSteps):
         starts = select_promising(climbed, _SHORT_ASCENTS, _CLIMBED_SHARE)
         short = self.ascend(starts, SHORT_SCHEDULE)
         short += self.ascend(self.start_reversed(max(short, key=lambda hypothesis: hypothesis.score)), SHORT_SCHEDULE)
-        chosen = select_promising(short, _FULL_ASCENTS, _SHORT_SHARE)
-        ended = self.ascend(chosen, repeats=_REPEATS)
-        best = max(ended, key=lambda hypothesis: hypothesis.score)
-        refined = [*ended, *(hypothesis for hypothesis in short if hypothesis not in chosen)]
+        chosen = select_promising(short, _LONG_ASCENTS, _SHORT_SHARE)
+        highest, *others = sort_by_score(self.ascend(chosen, _LONG_SCHEDULE, repeats=_REPEATS))
+        (best,) = self.ascend([highest])
+        refined = [best, *others, *(hypothesis for hypothesis in short if hypothesis not in chosen)]
         traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in starts)]
         return self._estimate(best, traced, compare_shares(best, refined, climbed), agreement=1.0)
 
