@@ -49,10 +49,11 @@ def covariance(bend: Tensor, place: ObjectCrop, *, any_azimuth: bool = False) ->
     )
 
 
-def scaled_inverse(bend: Tensor, scales: Scales) -> Tensor:
-    """The covariance in the crop, by hand."""
-    by_curvature = torch.outer(scales.factors, scales.factors) * torch.linalg.inv(SIMILARITY * bend)
-    return torch.outer(UNITS, UNITS) * (by_curvature + torch.diag(scales.floors**2))
+def scaled_inverse(bend: Tensor, scales: Scales, far: float = 1.0) -> Tensor:
+    """The covariance in the crop in its units, by hand; ``far`` is a further factor of the distance's deviation."""
+    factors = scales.factors.clone()
+    factors[2] *= far
+    return torch.outer(factors, factors) * torch.linalg.inv(SIMILARITY * bend) + torch.diag(scales.floors**2)
 
 
 def central_slopes(function: Callable[[Tensor], Tensor], at: Tensor, size: float = 1e-3) -> Tensor:
@@ -64,7 +65,7 @@ def central_slopes(function: Callable[[Tensor], Tensor], at: Tensor, size: float
 def test_it_is_the_scaled_inverse_of_the_curvature() -> None:
     """Where the focal length is assumed, the photograph differs from the crop by its zoom alone."""
     place, bend = crop(known=False), curvature()
-    expected = scaled_inverse(bend, ASSUMED_FOCAL)
+    expected = torch.outer(UNITS, UNITS) * scaled_inverse(bend, ASSUMED_FOCAL)
     zoom = torch.tensor([1, 1, 1, 1, 1 / place.zoom, 1 / place.zoom], dtype=torch.float64)
     expected = expected * torch.outer(zoom, zoom)
     output, others = covariance(bend, place), [0, 1, 3, 4, 5]
@@ -74,13 +75,20 @@ def test_it_is_the_scaled_inverse_of_the_curvature() -> None:
     assert not output[others, 2].any()
 
 
-def test_it_is_that_of_poses_moved_to_the_photograph() -> None:
-    place, bend = crop(known=True), curvature(1)
-    slopes = central_slopes(lambda pose: place.place_in_photograph(pose, 200, 240)[0], IN_CROP)
-    expected = slopes @ scaled_inverse(bend, KNOWN_FOCAL) @ slopes.T
+@pytest.mark.parametrize("times", [0.5, 1, 2])
+def test_it_is_that_of_poses_moved_to_the_photograph(times: float) -> None:
+    """Beyond the usual distance its deviation by the curvature grows with a power of it, its floor with itself."""
+    pose, place, bend = IN_CROP.clone(), crop(known=True), curvature(1)
+    pose[2] *= times
+    units = UNITS.clone()
+    units[2] *= times
+    in_crop = torch.outer(units, units) * scaled_inverse(bend, KNOWN_FOCAL, max(times, 1) ** 0.7)
+    slopes = central_slopes(lambda pose: place.place_in_photograph(pose, 200, 240)[0], pose)
+    expected = slopes @ in_crop @ slopes.T
+    output = pose_covariance(SIMILARITY, -bend / torch.outer(units, units), pose, place, (200, 240), any_azimuth=False)
     deviations = expected.diagonal().sqrt()
     scale = torch.outer(deviations, deviations)
-    assert_close(covariance(bend, place) / scale, expected / scale, rtol=0, atol=1e-3)
+    assert_close(output / scale, expected / scale, rtol=0, atol=1e-3)
 
 
 def test_no_photograph_tells_the_azimuth_of_a_bottle() -> None:
