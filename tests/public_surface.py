@@ -1,4 +1,4 @@
-"""The public surface of the package as plain data: names, kinds and signatures, for test_public_surface.py."""
+"""The public surface of the package as plain data: names, kinds and signatures, for test_generated.py."""
 
 from __future__ import annotations
 
