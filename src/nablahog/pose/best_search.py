@@ -32,10 +32,11 @@ from .vote import (
 )
 
 SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which side of the object a pose sees
-_LONG_SCHEDULE = SCHEDULE[:3]  # of long ones, after which the best pose is rarely another; only it is worth the rest
+_LONG_SCHEDULE = SCHEDULE[:3]  # of long ones, which leave few to ascend from to the end
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
 _LONG_ASCENTS, _SHORT_SHARE = 3, 0.75  # most long ones, from the best ends of these; shares are of the best score
+_LONG_SHARE = 0.9  # of ends of these, from which on they are ascended from to the end
 _REPEATS = 2  # of rounds of a long ascent that ended far away
 # coarse similarities near views that fill the given box, from which on no other boxes are searched
 _ENOUGH_TILTED, _ENOUGH_CLIMBED = 6.5, 8.0
@@ -65,9 +66,11 @@ class BestSearch(SearchSteps):
         short = self.ascend(starts, SHORT_SCHEDULE)
         short += self.ascend(self.start_reversed(max(short, key=lambda hypothesis: hypothesis.score)), SHORT_SCHEDULE)
         chosen = select_promising(short, _LONG_ASCENTS, _SHORT_SHARE)
-        highest, *others = sort_by_score(self.ascend(chosen, _LONG_SCHEDULE, repeats=_REPEATS))
-        (best,) = self.ascend([highest])
-        refined = [best, *others, *(hypothesis for hypothesis in short if hypothesis not in chosen)]
+        long = self.ascend(chosen, _LONG_SCHEDULE, repeats=_REPEATS)
+        finalists = select_promising(long, _LONG_ASCENTS, _LONG_SHARE)
+        best, *others = sort_by_score(self.ascend(finalists))
+        others += [end for ends, used in ((long, finalists), (short, chosen)) for end in ends if end not in used]
+        refined = [best, *others]
         traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in starts)]
         return self._estimate(best, traced, compare_shares(best, refined, climbed), agreement=1.0)
 
