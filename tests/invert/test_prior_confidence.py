@@ -57,22 +57,22 @@ def test_the_prior_decides_the_polarity() -> None:
     assert (without.polarity_confidence, without.region_confidence) == (None, None)
 
 
-def test_regions_are_sure_where_draws_agree_and_as_far_as_the_image_is() -> None:
-    """A region that all draws have is as sure as its image; of one that half of them negate nothing is known."""
+def test_regions_are_sure_where_much_is_predicted_and_as_far_as_the_image_is() -> None:
+    """A region that is predicted is as sure as its image; of one where 0 is predicted nothing is known."""
     image = torch.zeros(1, 1, 64, 64)
     image[..., :40, :40], image[..., 44:, 44:] = 1, -1  # gray elsewhere
-    draws = image[..., ::4, ::4].repeat(1, 8, 1, 1)
-    draws[:, :4, 11:, 11:] *= -1
-    draws[:, ::2] *= -1  # each is up to its sign
-    agreement = compare_regions(smooth_regions(image), draws)
+    predicted = image[..., ::4, ::4].clone()
+    predicted[..., 11:, 11:] = 0
+    agreement = compare_regions(smooth_regions(image), predicted)
+    assert_close(agreement, compare_regions(smooth_regions(image), -predicted))  # it is up to its sign
     assert agreement.shape == (1, 1, 16, 16)
     calibration = Calibration(1.0, 0.9, 0.0, 100.0)
     for polarity in (0.6, 0.9):
         chances = calibration.regions(SignEvidence(torch.zeros(1), agreement), torch.tensor([polarity]), (64, 64))
         assert float(chances[0, 0, 16, 16]) == pytest.approx(polarity, abs=1e-3)
         assert float(chances.max()) <= polarity + 1e-6
-    assert float(agreement[0, 0, 4, 4]) > 2
-    assert abs(float(agreement[0, 0, 13, 13])) < 0.5
+    assert float(agreement[0, 0, 4, 4]) > 0.9
+    assert abs(float(agreement[0, 0, 14, 14])) < 0.1
 
 
 def test_a_share_of_photographs_that_the_prior_is_blind_to_limits_its_confidence() -> None:

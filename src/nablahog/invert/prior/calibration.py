@@ -36,7 +36,7 @@ class Observations(NamedTuple):
         log_odds: (n,), that they are not negatives.
         right: (n,), 1 if they are none, so that their correlation with the photograph is positive, else 0.
         weights: (n,), of the photographs.
-        agreement: (m,), of draws with the regions, see :func:`.confidence.compare_regions`.
+        agreement: (m,), of the prediction with the regions, see :func:`.confidence.compare_regions`.
         regions_right: (m,), 1 where a region, in the pre-image or its negative, whichever is right, has the
             photograph's sign, else 0.
         region_weights: (m,), those of the photographs, shared by their regions.

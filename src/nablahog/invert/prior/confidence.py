@@ -20,8 +20,6 @@ from .unsigned_network import align_sign, normalise
 
 REGION_PIXELS = 8.0  # standard deviation of the Gaussian of a region
 REGION_STEP = 4  # pixels between the places where regions are compared, along each axis
-DRAWS, DRAW_SEED = 4, 0  # random predictions that are compared with the image, and of its mirror image as many
-LEAST_SPREAD = 0.3  # of brightness, relative to its standard deviation over an image, to divide by
 
 
 class Confidence(NamedTuple):
@@ -44,7 +42,7 @@ class SignEvidence(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """The numbers that make probabilities of a network's log-odds and draws.
+    """The numbers that make probabilities of a network's log-odds and prediction.
 
     Attributes:
         factor: of the log-odds of the polarity.
@@ -90,22 +88,18 @@ def smooth_regions(images: Tensor) -> Tensor:
 
     A Gaussian of 8 pixels smooths them; they have unit variance.
     """
-    size = [-(-n // REGION_STEP) for n in images.shape[2:]]
-    return _smooth(images, size)
+    return normalise(_smooth(images, [-(-n // REGION_STEP) for n in images.shape[2:]]))
 
 
-def compare_regions(brightness: Tensor, draws: Tensor) -> Tensor:
-    """How draws (B, K, h', w'), each up to its sign, agree with the signs of regions (B, 1, h, w): of their shape.
+def compare_regions(brightness: Tensor, predicted: Tensor) -> Tensor:
+    """How far predictions (B, 1, h', w'), up to their sign, support the signs of regions (B, 1, h, w): of their shape.
 
-    It is their mean over their standard deviation, positive where their mean has the region's sign.
+    A network that was trained for the least square error predicts the mean of what is possible, which is the nearer to
+    0 the less is known of a sign.  Positive where the prediction has the region's sign.
     """
-    count, size = draws.shape[1], brightness.shape[2:]
-    drawn = align_sign(_smooth(draws.flatten(0, 1).unsqueeze(1), size), brightness.repeat_interleave(count, dim=0))
-    drawn = drawn.reshape(-1, count, *size)
-    spread = drawn.std(dim=1, keepdim=True) + LEAST_SPREAD
-    return drawn.mean(dim=1, keepdim=True) / spread * brightness.sign()
+    return align_sign(_smooth(predicted, brightness.shape[2:]), brightness) * brightness.sign()
 
 
 def _smooth(images: Tensor, size: Sequence[int]) -> Tensor:
     places = interpolate(images, size=size, mode="bilinear", align_corners=False, antialias=True)
-    return normalise(low_pass(places, REGION_PIXELS / REGION_STEP))
+    return low_pass(places, REGION_PIXELS / REGION_STEP)

@@ -22,8 +22,6 @@ from ..histograms import linear_vote_spec, recover_histograms
 from ..starts import match_contrast, starting_images
 from ..unknowns import low_pass
 from .confidence import (
-    DRAW_SEED,
-    DRAWS,
     Calibration,
     Confidence,
     SignEvidence,
@@ -194,8 +192,8 @@ class LearnedPrior(LearnedModel):
     ) -> Tensor:
         """The probability of each region of such images that it is rightly brighter or darker than its image's mean.
 
-        A region is what a Gaussian of 8 pixels sees around a pixel.  It is sure where random predictions of the network
-        have the same sign as the image, as far as the sign of the whole image is sure.
+        A region is what a Gaussian of 8 pixels sees around a pixel.  It is sure where the network predicts much of the
+        image's sign, as far as the sign of the whole image is sure.
 
         Args:
             images, descriptor, spec, histograms: as for :meth:`polarity_confidence`.
@@ -240,7 +238,7 @@ class LearnedPrior(LearnedModel):
         parts = (torch.split(batch, IMAGES_AT_ONCE) for batch in (images.float(), histograms))
         for part, cells in zip(*parts, strict=True):
             largest = network.largest_cells(network.rebin(cells, linear_spec, size))
-            agreement = compare_regions(smooth_regions(part), network.draw_regions(largest, DRAWS, DRAW_SEED))
+            agreement = compare_regions(smooth_regions(part), largest.regions)
             evidence.append(SignEvidence(network.log_odds(part, largest), agreement))
         return SignEvidence(*map(torch.cat, zip(*evidence, strict=True)))
 

@@ -116,21 +116,16 @@ class _Polarity(nn.Module):
 
 
 class _Draw(nn.Module):
-    """A layer of dropout whose random numbers are those of a generator of its own, not of all threads.
+    """A layer of dropout whose random numbers are those of a generator of its own, not of all threads."""
 
-    A batch holds ``draws`` of each image, one image after the other; all images have the same random numbers.
-    """
-
-    def __init__(self, layer: nn.Dropout | nn.Dropout2d, generator: torch.Generator, draws: int) -> None:
+    def __init__(self, layer: nn.Dropout | nn.Dropout2d, generator: torch.Generator) -> None:
         super().__init__()
-        self.channels_only = isinstance(layer, nn.Dropout2d)
-        self.generator, self.draws = generator, draws
+        self.channels_only, self.generator = isinstance(layer, nn.Dropout2d), generator
 
     def forward(self, x: Tensor) -> Tensor:
-        by_image = x.reshape(-1, self.draws, *x.shape[1:])
-        mask = torch.empty_like(by_image[0, :, :, :1, :1] if self.channels_only else by_image[0])
+        mask = torch.empty_like(x[:, :, :1, :1] if self.channels_only else x)
         mask.bernoulli_(1 - SAMPLE_DROPOUT, generator=self.generator).div_(1 - SAMPLE_DROPOUT)
-        return (by_image * mask).flatten(0, 1)
+        return x * mask
 
 
 class LargestCells(NamedTuple):
@@ -214,7 +209,7 @@ class UnsignedNetwork(PriorNetwork):
         images = []
         for cells in self.rebin(histograms, spec, size):
             generator = torch.Generator(cells.device).manual_seed(seed)
-            network, inputs = self._with_dropout(generator, count), cells.expand(count, -1, -1, -1)
+            network, inputs = self._with_dropout(generator), cells.expand(count, -1, -1, -1)
             largest = network.largest_cells(inputs)
             regions = network.predict_regions(inputs, largest)
             likely = polarity(self.log_odds(regions, largest))
@@ -223,24 +218,12 @@ class UnsignedNetwork(PriorNetwork):
             images.append(torch.where(is_positive, regions, -regions))
         return interpolate(torch.cat(images), size=size, mode="bicubic", align_corners=False)
 
-    def draw_regions(self, largest: LargestCells, count: int, seed: int) -> Tensor:
-        """Random possible regions (B, 2 · count, 2R, 2C), each up to its sign, for what was seen at first of images.
-
-        Half of them are predicted for the mirror image.
-        """
-        cells, draws = largest.histograms, 2 * count
-        network = self._with_dropout(torch.Generator(cells.device).manual_seed(seed), draws)
-        pairs = torch.stack([cells, self.mirror(cells)], dim=1).flatten(0, 1).repeat_interleave(count, dim=0)
-        drawn = network(pairs, torch.zeros_like(largest.regions).repeat_interleave(draws, dim=0))
-        regions, mirrored = drawn.reshape(-1, draws, *drawn.shape[2:]).chunk(2, dim=1)
-        return torch.cat([regions, mirrored.flip(3)], dim=1)
-
-    def _with_dropout(self, generator: torch.Generator, draws: int) -> UnsignedNetwork:
-        """A network of the same weights that drops channels, others for each of ``draws`` of an image."""
+    def _with_dropout(self, generator: torch.Generator) -> UnsignedNetwork:
+        """A network of the same weights that drops channels, others for each of a batch."""
         network = copy.deepcopy(self, {id(weight): weight for weight in self.parameters()})
         for name, layer in list(network.named_modules()):
             if isinstance(layer, nn.Dropout | nn.Dropout2d):
-                network.set_submodule(name, _Draw(layer, generator, draws))
+                network.set_submodule(name, _Draw(layer, generator))
         return network
 
     def largest_cells(self, histograms: Tensor) -> LargestCells:
