@@ -40,7 +40,7 @@ from timing import table
 
 BATCH = 16
 EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.97, 1.0)
-SURE_REGION = 0.9
+SURE_REGION = 0.8
 Floats = NDArray[np.float64]
 
 
