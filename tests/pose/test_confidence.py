@@ -13,6 +13,7 @@ from torch import Tensor
 
 from nablahog import Camera, PoseEstimate, estimate_pose, render, sample_chairs
 from nablahog.io.images import sample_photograph
+from nablahog.metrics import rotation_error
 from nablahog.pose.confidence import Evidence, probabilities
 from nablahog.pose.crop import crop_object
 from nablahog.pose.evidence import compare_turned, probability_in_range
@@ -175,3 +176,21 @@ def test_a_range_without_the_object_has_a_low_confidence(models: int) -> None:
         flat = estimate_pose(torch.full_like(image, 0.5), meshes, box=box, initial=(200, 20), within=10)
         assert flat.confidence is not None
         assert flat.confidence < 0.3
+
+
+def test_a_uniform_photograph_without_a_box_has_a_pose_that_is_not_trusted() -> None:
+    flat = estimate_pose(torch.full((1, 128, 128), 0.5), model())
+    assert flat.confidence is not None
+    assert flat.confidence < 0.1
+
+
+def test_a_pose_from_straight_above_is_trusted_however_its_rotation_is_written() -> None:
+    camera = Camera.from_field_of_view(30, height=128, width=128)
+    for azimuth in (30.0, 100.0):
+        view = torch.tensor([[azimuth, 90, 2, 0, 0, 0]])
+        estimate = estimate_pose(render(model(), view, camera)[0], model(), box=(20, 20, 108, 108))
+        angles = torch.tensor([[estimate.azimuth, estimate.elevation, estimate.theta]])
+        assert float(rotation_error(angles.numpy(), view[:, [0, 1, 3]].numpy())[0]) < 5
+        assert estimate.confidence is not None
+        assert estimate.confidence > 0.8
+        assert estimate.half_turn is None or estimate.half_turn < 0.1

@@ -17,6 +17,7 @@ from torch.testing import assert_close
 from nablahog import estimate_pose, sample_chairs
 from nablahog.inputs.boxes import Box
 from nablahog.io.images import SAMPLE_NAMES, sample_photograph
+from nablahog.metrics import rotation_error
 from nablahog.paper.annotations import sample_viewpoints
 from nablahog.paper.scenes import Scene, scene
 from nablahog.pose import PoseEstimate
@@ -89,6 +90,23 @@ def test_it_is_that_of_poses_moved_to_the_photograph(times: float) -> None:
     deviations = expected.diagonal().sqrt()
     scale = torch.outer(deviations, deviations)
     assert_close(output / scale, expected / scale, rtol=0, atol=1e-3)
+
+
+def test_seen_from_above_a_turn_that_a_tilt_undoes_is_uncertain() -> None:
+    """Along it the rotation hardly changes."""
+    pose, place, bend = IN_CROP.clone(), crop(known=True), curvature()
+    turn = torch.tensor([1.0, 0, 0, math.sin(math.radians(80)), 0, 0], dtype=torch.float64)
+    pose[1] = 80
+    moved = pose + 5 * turn
+    assert float(rotation_error(moved[[0, 1, 3]].numpy(), pose[[0, 1, 3]].numpy())) < 1
+    hessian = -bend / torch.outer(UNITS, UNITS)
+    above = pose_covariance(SIMILARITY, hessian, pose, place, (200, 240), any_azimuth=False)
+    pose[1] = 45
+    level = pose_covariance(SIMILARITY, hessian, pose, place, (200, 240), any_azimuth=False)
+    excess = 2 * (math.tan(math.radians(80)) ** 2 - 1) * level[1, 1]
+    angles = [0, 1, 3]
+    expected = (level + excess * torch.outer(turn, turn))[angles][:, angles]
+    assert_close(above[angles][:, angles], expected)
 
 
 def test_no_photograph_tells_the_azimuth_of_a_bottle() -> None:

@@ -179,6 +179,16 @@ def test_steep_and_tilted_views_have_a_penalty_usual_ones_none() -> None:
     assert penalties.tolist() == pytest.approx([0, 0, 20 * STEEP_PENALTY + 10 * TILT_PENALTY, 5 * STEEP_PENALTY])
 
 
+@pytest.mark.parametrize("elevation", [60.0, 85, 89.5, 90, -86])
+@pytest.mark.parametrize("tilt", [0.0, 20, -150, 180])
+def test_the_penalty_of_a_rotation_does_not_depend_on_how_it_is_written(elevation: float, tilt: float) -> None:
+    over_the_pole = 180.0 - elevation, tilt + 180
+    one, other = view_penalty(*torch.tensor([(elevation, tilt), over_the_pole]).double().T).tolist()
+    assert one == pytest.approx(other, abs=1e-9)
+    if elevation == 90:  # there a turn of azimuth is one in the image plane
+        assert one == pytest.approx(float(view_penalty(torch.tensor([90.0]), torch.zeros(1))))
+
+
 def test_an_elevation_that_is_given_is_a_wish() -> None:
     poses = torch.tensor([[0.0, 80, 3, 30, 0, 0]], dtype=torch.float64)
     given, off, unknown = problem(initial=(0.0, 80.0)), problem(initial=(0.0, 65.0)), problem()

@@ -142,13 +142,16 @@ def test_from_straight_above_azimuth_and_tilt_are_the_same_rotation() -> None:
 
 def test_runners_up_look_from_elsewhere() -> None:
     views = poses([0, 100, 110, 5, 200], [3.0, 2.0, 1.9, 2.5, 1.0])
-    assert [one.azimuth for one in select_other_sides(views, [0.0], 2)] == [100, 200]
+    assert [one.azimuth for one in select_other_sides(views, [views[0].pose[[0, 1, 3]]], 2)] == [100, 200]
+    for view in views:
+        view.pose[1], view.pose[3] = 89, view.azimuth  # nearly the same rotation
+    assert select_other_sides(views, [views[0].pose[[0, 1, 3]]], 2) == []
 
 
 def test_runners_up_are_no_symmetric_views() -> None:
     views = poses([0, 90, 180, 270], [4.0, 3.0, 3.5, 2.0])
     best = views[0].move(views[0].pose, 6.0, 5.0)
-    others = select_runners_up(compare_shares(best, [best], views), [best.azimuth, 180.0])
+    others = select_runners_up(compare_shares(best, [best], views), best, [180.0])
     assert [(one.azimuth, share) for one, share in others.items()] == [(90, 0.75), (270, 0.5)]
 
 

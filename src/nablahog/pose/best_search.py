@@ -125,7 +125,7 @@ class BestSearch(SearchSteps):
             if self.problem.allows(float(turned[0])):
                 other_side = self.move_to_viewpoint(best, turned)
                 shares = {**shares, other_side: other_side.similarity / max(best.similarity, 1e-9)}
-        runners_up = select_runners_up(shares, [best.azimuth, *same_view])
+        runners_up = select_runners_up(shares, best, same_view)
         evidence = None
         if self.calibrated:
             prior = self._prior if self.voting else None

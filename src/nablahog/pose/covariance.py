@@ -37,7 +37,9 @@ def _scales(factors: tuple[float, ...], floors: tuple[float, ...]) -> Scales:
 KNOWN_FOCAL = _scales((0.95, 0.8, 1.25, 0.85, 0.65, 0.75), (0.12, 0.1, 0.12, 0.06, 0.08, 0.08))
 ASSUMED_FOCAL = _scales((1.15, 1.05, 0.0, 1.08, 0.88, 1.1), (0.12, 0.1, 0.0, 0.06, 0.08, 0.08))
 _FLATTEST = 0.1  # smallest curvature along an axis, as a fraction of the largest: a fit to jags may show less
-_AZIMUTH, _DISTANCE = PARAMETERS.index("azimuth"), PARAMETERS.index("distance")
+_AZIMUTH, _ELEVATION, _DISTANCE, _THETA = map(PARAMETERS.index, ("azimuth", "elevation", "distance", "theta"))
+_FROM_ABOVE = 2.0  # variance along the line of sight's other direction, relative to that of elevation
+_LEAST_COSINE = 0.01  # of elevations: at a pole nothing bounds the azimuth
 _FAR = 0.7  # exponent of the distance in the factor of its standard deviation, beyond :data:`.crop.DISTANCE`
 _STEP = 1e-3  # pixels, of central differences of a smooth map
 
@@ -70,6 +72,7 @@ def pose_covariance(
     bends = bends.clamp(min=_FLATTEST * max(float(bends.abs().max()), 1e-9))
     inverse = (axes / bends) @ axes.T
     in_crop = inverse * torch.outer(scaled, scaled) + torch.diag((floors * units) ** 2)
+    in_crop += _variance_from_above(in_crop, float(pose[_ELEVATION]))
     slopes = _photograph_slopes(pose, crop, size)
     covariance: Tensor = slopes @ in_crop @ slopes.T
     for parameter, unknown in ((_AZIMUTH, any_azimuth), (_DISTANCE, crop.axis is None)):
@@ -77,6 +80,20 @@ def pose_covariance(
             covariance[parameter], covariance[:, parameter] = 0, 0
             covariance[parameter, parameter] = math.inf
     return covariance
+
+
+def _variance_from_above(covariance: Tensor, elevation: float) -> Tensor:
+    """What turns of azimuth that a turn in the image plane undoes add to a covariance, (6, 6).
+
+    Together they move the line of sight by cos(elevation) of a turn, as much as an error of elevation may, so the
+    variance of azimuth grows as that of elevation / cos².  Up to 45° the curvature shows it.
+    """
+    sine, cosine = math.sin(math.radians(elevation)), math.cos(math.radians(elevation))
+    turn = covariance.new_zeros(len(covariance))
+    turn[_AZIMUTH], turn[_THETA] = 1, sine
+    excess = _FROM_ABOVE * max(0.0, (sine / max(cosine, _LEAST_COSINE)) ** 2 - 1)
+    added: Tensor = excess * covariance[_ELEVATION, _ELEVATION] * torch.outer(turn, turn)
+    return added
 
 
 def _photograph_slopes(pose: Tensor, crop: ObjectCrop, size: Sequence[int]) -> Tensor:

@@ -36,6 +36,7 @@ UNKNOWN_TILTS = (-45.0, -30.0, -15.0, 0.0, 15.0, 30.0, 45.0)  # degrees, when th
 USUAL_ELEVATIONS = (-10.0, 40.0)  # elevations of most photographs, degrees
 # penalties of the calibrated similarity for each degree beyond these, and for each degree of rotation
 STEEP_PENALTY, TILT_PENALTY = 0.03, 0.01
+_NEARLY_POLE = 80.0  # degrees of elevation from which on a tilt counts less
 SMALL_PENALTY = 0.5  # penalty for each halving of an object's size in a photograph where it may be anywhere
 
 
@@ -162,11 +163,19 @@ def wrap_hessian(hessian: Tensor, pose: Tensor) -> Tensor:
 
 
 def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:
-    """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees."""
+    """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees.
+
+    They are of the rotation, however it is written: beyond a pole, or at one, where nothing is upright.
+    """
     low, high = USUAL_ELEVATIONS if initial is None else (initial[1] - ELEVATION_ERROR, initial[1] + ELEVATION_ERROR)
+    elevations, tilts = signed_angles(elevations), signed_angles(tilts).abs()
+    over = elevations.abs() > 90
+    elevations = torch.where(over, 180 * elevations.sign() - elevations, elevations)
+    tilts = torch.where(over, 180 - tilts, tilts)
+    upright = (elevations.deg2rad().cos() / math.cos(math.radians(_NEARLY_POLE))).clamp(max=1)
     return (
         STEEP_PENALTY * ((elevations - high).clamp(min=0) + (low - elevations).clamp(min=0))
-        + TILT_PENALTY * tilts.abs()
+        + TILT_PENALTY * tilts * upright
     )
 
 

@@ -66,8 +66,9 @@ class PoseEstimate(PoseGeometry):
         evidence: the figures that the confidence rests on; None for a runner-up, and if there is no confidence.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.
-        share: of a runner-up: its similarity divided by the best pose's; among several models, its votes divided by
-            those for the best side.  1 for the best pose itself.
+        share: of a runner-up: its similarity divided by the best pose's, in 0…1; where its search ended with large
+            cells, both are similarities of these; among several models, its votes divided by those for the best side.
+            1 for the best pose itself.
         renderings: the number that were compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
         focal_from: the source of the focal length, ``"given"``, ``"exif"``, or ``"assumed"``; if assumed, the distance

@@ -136,7 +136,7 @@ class SearchSteps:
         return self._start(value, name, pose, self.problem.photograph, self.problem.photograph)
 
     def _reframe(self, value: float, name: str, place: PreparedPhotograph, pose: Tensor) -> Hypothesis | None:
-        """A view with the crop around it; None for level views that fill the given box, which are there already."""
+        """A view with the crop around it; None for one beyond the photograph, or level ones that fill the given box."""
         model, crop = self.problem.models[name], place.crop
         (box,) = bounding_boxes(pose[None], model.hull, crop.camera)
         if Box(*box.tolist()).iou(crop.centred_box) >= _SAME_BOX:
@@ -144,7 +144,11 @@ class SearchSteps:
                 return None
             (pose,) = self.problem.fit(model, pose[None], place)
             return self._start(value, name, pose, place, place)
-        other = self.problem.crop_around(crop.box_in_photograph(box))
+        around = crop.box_in_photograph(box)
+        inside = around.intersect(Box(0, 0, *self.problem.image.shape[:0:-1]))
+        if min(inside.width, inside.height) < 1:
+            return None
+        other = self.problem.crop_around(around)
         return self._start(value, name, crop.convert_pose(pose, other.crop), other, place)
 
     def _start(

@@ -177,16 +177,23 @@ def select_promising(poses: Sequence[Hypothesis], count: int, share: float = 0.0
 
 def select_other_sides(
     poses: Iterable[Hypothesis],
-    azimuths: Sequence[float],
+    views: Sequence[Tensor],
     count: int,
     score: Callable[[Hypothesis], float] = lambda hypothesis: hypothesis.score,
 ) -> list[Hypothesis]:
-    """At most ``count`` poses of the highest scores from sides other than those of ``azimuths`` and of each other."""
-    chosen: list[Hypothesis] = []
+    """At most ``count`` poses of the highest scores from sides other than those of ``views`` and of each other.
+
+    ``views`` are azimuths, elevations and in-plane rotations, (3,) each.  Near a pole azimuths may differ where
+    rotations do not, so both must.
+    """
+    taken, chosen = list(views), []
     for hypothesis in sorted(poses, key=score, reverse=True):
-        taken = (*azimuths, *(pose.azimuth for pose in chosen))
-        if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in taken) > SAME_SIDE:
+        view = hypothesis.pose[[0, 1, 3]]
+        turns = min(azimuth_distance(float(view[0]), float(other[0])) for other in taken)
+        rotations = rotation_error(torch.stack(taken).numpy(), view.numpy())
+        if min(turns, rotations.min()) > SAME_SIDE:
             chosen.append(hypothesis)
+            taken.append(view)
     return chosen[:count]
 
 
@@ -204,9 +211,16 @@ def compare_shares(
     return shares
 
 
-def select_runners_up(shares: Mapping[Hypothesis, float], azimuths: Sequence[float]) -> dict[Hypothesis, float]:
-    """The poses of the highest shares from sides other than those of ``azimuths`` and of each other; their shares."""
-    chosen = select_other_sides(shares, azimuths, _RUNNERS_UP, shares.__getitem__)
+def select_runners_up(
+    shares: Mapping[Hypothesis, float], best: Hypothesis, same_view: Sequence[float]
+) -> dict[Hypothesis, float]:
+    """The poses of the highest shares from sides other than the best one's and each other's; their shares.
+
+    ``same_view`` has further azimuths from which the model looks the same, degrees.
+    """
+    views = best.pose[[0, 1, 3]].repeat(1 + len(same_view), 1)
+    views[1:, 0] = torch.tensor(same_view)
+    chosen = select_other_sides(shares, [*views], _RUNNERS_UP, shares.__getitem__)
     return {hypothesis: min(max(shares[hypothesis], 0.0), 1.0) for hypothesis in chosen}
 
 
