@@ -32,11 +32,11 @@ from .vote import (
 )
 
 SHORT_SCHEDULE = SCHEDULE[:2]  # rounds of short ascents, enough to tell which side of the object a pose sees
-_LONG_SCHEDULE = SCHEDULE[:3]  # of long ones, which leave few to ascend from to the end
+_LONG_SCHEDULE = SCHEDULE[:3]  # rounds of long ascents: the full schedule without its last, dear rounds
 _VOTED_SIDES = 4  # of the object that are voted for: the best one and the runners-up
 _SHORT_ASCENTS, _CLIMBED_SHARE = 4, 0.6  # most short fine ascents of a single model, from the best coarse scores
 _LONG_ASCENTS, _SHORT_SHARE = 3, 0.75  # most long ones, from the best ends of these; shares are of the best score
-_LONG_SHARE = 0.9  # of ends of these, from which on they are ascended from to the end
+_LONG_SHARE = 0.9  # share of the best score with which the end of a long ascent starts a full one
 _REPEATS = 2  # of rounds of a long ascent that ended far away
 # coarse similarities near views that fill the given box, from which on no other boxes are searched
 _ENOUGH_TILTED, _ENOUGH_CLIMBED = 6.5, 8.0

@@ -165,7 +165,8 @@ def wrap_hessian(hessian: Tensor, pose: Tensor) -> Tensor:
 def view_penalty(elevations: Tensor, tilts: Tensor, initial: tuple[float, float] | None = None) -> Tensor:
     """Penalties for the similarities of views at elevations (N,) and in-plane rotations (N,), degrees.
 
-    They are of the rotation, however it is written: beyond a pole, or at one, where nothing is upright.
+    All angles that describe a rotation, also beyond a pole, have the same penalty.  At a pole, from where nothing is
+    upright, tilts have none.
     """
     low, high = USUAL_ELEVATIONS if initial is None else (initial[1] - ELEVATION_ERROR, initial[1] + ELEVATION_ERROR)
     elevations, tilts = signed_angles(elevations), signed_angles(tilts).abs()

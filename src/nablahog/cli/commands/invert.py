@@ -181,7 +181,7 @@ def _say_unsure(inversions: Sequence[Inversion]) -> None:
     unsure = [f"{each.source.name} ({each.polarity:.0%} sure)" for each in inversions if each.unsure]
     if unsure:
         more = ", …" if len(unsure) > NAMED else ""
-        say(f"These may be negatives, bright where they are dark: {', '.join(unsure[:NAMED])}{more}")
+        say(f"These may be negatives, with bright and dark exchanged: {', '.join(unsure[:NAMED])}{more}")
 
 
 def _say_seed(request: InvertRequest, specs: set[HOGSpec]) -> None:

@@ -192,8 +192,8 @@ class LearnedPrior(LearnedModel):
     ) -> Tensor:
         """The probability of each region of such images that it is rightly brighter or darker than its image's mean.
 
-        A region is what a Gaussian of 8 pixels sees around a pixel.  It is sure where the network predicts much of the
-        image's sign, as far as the sign of the whole image is sure.
+        A region is what a Gaussian of 8 pixels sees around a pixel.  It is sure where the network's prediction is far
+        from its mean and has the image's sign, as far as the sign of the whole image is sure.
 
         Args:
             images, descriptor, spec, histograms: as for :meth:`polarity_confidence`.
