@@ -66,9 +66,10 @@ class BestSearch(SearchSteps):
         short = self.ascend(starts, SHORT_SCHEDULE)
         short += self.ascend(self.start_reversed(max(short, key=lambda hypothesis: hypothesis.score)), SHORT_SCHEDULE)
         chosen = select_promising(short, _LONG_ASCENTS, _SHORT_SHARE)
-        long = self.ascend(chosen, _LONG_SCHEDULE, repeats=_REPEATS)
+        # a single one needs no long ascent to be told from others
+        long = self.ascend(chosen, _LONG_SCHEDULE, repeats=_REPEATS) if len(chosen) > 1 else chosen
         finalists = select_promising(long, _LONG_ASCENTS, _LONG_SHARE)
-        best, *others = sort_by_score(self.ascend(finalists))
+        best, *others = sort_by_score(self.ascend(finalists, repeats=_REPEATS))
         others += [end for ends, used in ((long, finalists), (short, chosen)) for end in ends if end not in used]
         refined = [best, *others]
         traced = [*refined, *(hypothesis for hypothesis in climbed if hypothesis not in starts)]
