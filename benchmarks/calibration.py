@@ -16,7 +16,6 @@ mean square of confidence minus right; beside it is that of the best constant, t
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
+from scipy.stats import binomtest, spearmanr
 from torch import Tensor
 
 from nablahog import Reconstruction, hog, metrics, presets, reconstruct, reconstruct_multiscale
@@ -44,14 +43,6 @@ SURE_REGION = 0.8
 Floats = NDArray[np.float64]
 
 
-def wilson(count: float, n: int) -> tuple[float, float]:
-    """The 95 % interval of a share, ``count`` of ``n``."""
-    z = 1.96
-    centre = (count + z * z / 2) / (n + z * z)
-    half = z / (n + z * z) * math.sqrt(count * (n - count) / n + z * z / 4)
-    return centre - half, centre + half
-
-
 def tabulate(confidence: Floats, right: Floats, edges: Sequence[float], *, intervals: bool = True) -> str:
     """The table by confidence."""
     rows = []
@@ -61,7 +52,8 @@ def tabulate(confidence: Floats, right: Floats, edges: Sequence[float], *, inter
         if n:
             share = f"{right[members].mean():.3f}"
             if intervals:
-                share += " ({:.3f}–{:.3f})".format(*wilson(right[members].sum(), n))
+                interval = binomtest(int(right[members].sum()), n).proportion_ci(method="wilson")
+                share += f" ({interval.low:.3f}–{interval.high:.3f})"
             rows.append([f"{low:g}…{high:g}", str(n), f"{confidence[members].mean():.3f}", share])
     return table(["confidence", "n", "mean", "right"], rows)
 
