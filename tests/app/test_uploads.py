@@ -141,7 +141,7 @@ def test_nothing_is_left_behind(
 
 def test_no_sentence_has_options_of_the_command(client: TestClient) -> None:
     random = np.random.default_rng(0)
-    row, cells = (npy(random.random(shape, dtype=np.float32)) for shape in (1764, (8, 8, 31)))
+    row, cells = (npy(random.random(shape, dtype=np.float32)) for shape in (252, (8, 8, 31)))
     integers, infinite = npy(np.ones((8, 8, 31), np.int64)), npy(np.full(3780, np.nan, np.float32))
     several = npz(left=np.zeros((8, 6, 31), np.float32), right=np.ones((8, 6, 31), np.float32))
     asked: tuple[tuple[bytes, dict[str, str]], ...] = (

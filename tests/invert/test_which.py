@@ -283,7 +283,7 @@ def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
     assert "undecided" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["opencv", "uoctti", "cnn_hog", *map(slow, ("dpm", "skimage", "maskfeat"))])
+@pytest.mark.parametrize("name", ["opencv", "uoctti", *map(slow, ("cnn_hog", "dpm", "skimage", "maskfeat"))])
 def test_the_candidates_of_bytes_are_those_of_the_numbers_divided_by_255(name: str) -> None:
     found = which_hog(255 * ours(name).ravel())
     assert not found.decided_by

@@ -241,10 +241,9 @@ class HOGSpec:
         return text
 
     def _text(self) -> str:
-        fields = dataclasses.asdict(self)
-        for part in ("normalizer", "pooling"):
-            fields[part]["kind"] = getattr(self, part).kind
-        return json.dumps(fields)
+        parts = {name: getattr(self, name) for name in ("normalizer", "pooling")}
+        stored = {name: {**_fields(part), "kind": part.kind} for name, part in parts.items()}
+        return json.dumps(_fields(self) | stored)
 
     @classmethod
     def from_json(cls, text: str) -> HOGSpec:
@@ -270,6 +269,11 @@ def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
     if type(part) not in kinds.values():
         names = ", ".join(part_class.__name__ for part_class in kinds.values())
         raise ValueError(f"{field} must be one of {names}, got {shortened(part)}")
+
+
+def _fields(instance: Any) -> dict[str, Any]:
+    """The values of a dataclass by name: :func:`dataclasses.asdict` would copy each, which takes long."""
+    return {field.name: getattr(instance, field.name) for field in dataclasses.fields(instance)}
 
 
 def _part(fields: dict[str, Any], kinds: dict[str, Any]) -> Any:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,12 @@ class Candidate:
     def descriptors(self, array: NDArray[np.floating]) -> Tensor:
         """The array as descriptors (B, rows, cols, channels) in float64."""
         native = torch.from_numpy(np.ascontiguousarray(array, np.float64)).reshape(-1, *self.how.shape)
-        return from_layout(native, replace(self.spec, layout=self.how.layout), self.image_size)
+        return from_layout(native, self._native_spec, self.image_size)
+
+    @cached_property
+    def _native_spec(self) -> HOGSpec:
+        """The spec with the layout of the array."""
+        return replace(self.spec, layout=self.how.layout)
 
 
 def check_dialects(dialects: Mapping[str, Parameters]) -> None:
