@@ -15,6 +15,7 @@ from nablahog.invert.prior.terms import RelativeSmoothness
 from nablahog.invert.search import PreimageObjective
 from nablahog.invert.unknowns import FlatRegions
 from nablahog.optimize import Jacobian, StopReason, dogleg
+from nablahog.optimize.dogleg import next_radius
 from nablahog.optimize.gauss_newton import GraphJacobian, NewtonSteps, newton_steps
 
 from . import chumpy
@@ -153,6 +154,18 @@ def test_a_preconditioner_saves_products_and_leaves_the_solution() -> None:
         result = dogleg(problem, start, cg_iterations=100, cg_tolerance=1e-12)
         torch.testing.assert_close(result.x[0], torch.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
     assert reached[Scaled] < reached[SumOfSquares] / 100
+
+
+def test_the_radius_after_a_trial() -> None:
+    """Chumpy's rule, for a step of length 1.5 in a radius of 2: at a limit itself the radius stays."""
+
+    def after(gain: float, accepted: bool = True) -> float:
+        numbers = (torch.tensor([number], dtype=torch.float64) for number in (2.0, 1.5, gain))
+        return float(next_radius(*numbers, torch.tensor([accepted])))
+
+    radii = [after(gain) for gain in (0.04, 0.05, 0.5, 0.9, 0.91)]
+    assert radii == [0.5, 2, 2, 2, 3.75]
+    assert after(-1, accepted=False) == 0.5
 
 
 def test_accepted_steps_are_told() -> None:

@@ -164,6 +164,9 @@ def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
             estimates.append(estimate_pose(image, others, box=box, initial=(0, 15)))
     torch.testing.assert_close(estimates[0].pose, estimates[1].pose, atol=1e-4, rtol=0)  # networks round differently
     assert (estimates[0].model, estimates[0].renderings) == (estimates[1].model, estimates[1].renderings)
+    paths = [(trace.model, trace.azimuths) for trace in estimates[0].traces]
+    for model_name, path in paths:  # each start has one trace, to the end of its last ascent
+        assert sum((model_name, path) == (name, longer[: len(path)]) for name, longer in paths) == 1
 
 
 def test_the_midway_azimuth_is_between_the_search_and_what_is_likely_on_its_side() -> None:
