@@ -82,6 +82,16 @@ def test_the_box_fills_what_a_turned_camera_sees(box: tuple[float, ...]) -> None
     assert crop.camera.focal == pytest.approx(200 * crop.zoom)
 
 
+def test_a_box_of_a_turned_camera_goes_through_the_middles_of_its_sides() -> None:
+    crop = crop_object(torch.zeros(1, 240, 300), (10.0, 20.0, 38.0, 60.0), focal=200.0, axis=(150.0, 120.0))
+    found = crop.box_in_photograph(torch.tensor([-30.0, -10, 20, 40], dtype=torch.float64))
+    middles = torch.tensor(
+        [[-30.0, 15], [-5, -10], [20, 15], [-5, 40]], dtype=torch.float64
+    )  # left, upper, right, lower
+    across, down = crop.to_photograph(*middles.T)
+    assert found == pytest.approx((float(across[0]), float(down[1]), float(across[2]), float(down[3])))
+
+
 def test_what_is_shrunk_is_smoothed_first() -> None:
     """Rows of a pixel, white and black, are gray on a crop of a fifth of the size, and no moiré."""
     photograph = (torch.arange(800) % 2).float()[:, None].expand(1, 800, 800)
