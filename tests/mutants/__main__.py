@@ -15,13 +15,23 @@ import argparse
 import itertools
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from tests.mutants.coverage_record import Record, list_test_files
 from tests.mutants.mutant import Checkout, Mutant, draw_mutants
-from tests.mutants.results import Result, Results, function_name, judge_tests, key_of, read_equivalent, summarize
-from tests.mutants.runs import PRELOADED, Tree, preload, run_all_tests, run_tests
+from tests.mutants.results import (
+    Result,
+    Results,
+    file_name,
+    function_name,
+    judge_tests,
+    key_of,
+    read_equivalent,
+    summarize,
+)
+from tests.mutants.runs import PRELOADED, Outcome, Tree, preload, run_all_tests, run_tests
 
 HERE = Checkout(Path(__file__).parents[2], Path("src", "nablahog"))
 
@@ -38,12 +48,25 @@ def try_mutant(mutant: Mutant, tree: Tree, record: Record, seconds: float, all_t
     with tree.broken(mutant) as result.counts:
         if not result.counts or not tests:
             return result
-        limit = limit_of(sum(record.seconds[test] for test in tests))
-        run = run_all_tests(tree.path, tests, limit) if all_tests else run_tests(tree.path, tests, limit, "-x")
+        if all_tests:
+            run = run_all_tests(tree.path, tests, limit_of(record.sum_seconds(tests)))
+        else:
+            run = run_until_noticed(tree, record, tests)
     result.noticed = [outcome.test for outcome in run if outcome.result != "passed"]
     functions = {function_name(outcome.test) for outcome in run}
     result.passed = sorted(functions - {function_name(test) for test in result.noticed})
     return result
+
+
+def run_until_noticed(tree: Tree, record: Record, tests: Sequence[str]) -> list[Outcome]:
+    """Runs tests up to the first that fails: those of the file with most of them before all files are imported."""
+    (name, _), *_ = Counter(map(file_name, tests)).most_common(1)
+    outcomes: list[Outcome] = []
+    for first in (True, False):
+        group = [test for test in tests if (file_name(test) == name) == first]
+        if group and all(outcome.result == "passed" for outcome in outcomes):
+            outcomes += run_tests(tree.path, group, limit_of(record.sum_seconds(group)), "-x")
+    return outcomes
 
 
 def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:

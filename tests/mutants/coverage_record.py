@@ -6,7 +6,7 @@ import ast
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class Record:
         self.folder = folder
         self.runs: dict[str, tuple[dict[str, Any], CoverageData]] = {}
         self.seconds: dict[str, float] = {}
+        self._known: dict[tuple[Path, int | None], set[str]] = {}  # tests that execute a line
         for name in test_files:
             if self._has(name):
                 self._load(name)
@@ -53,6 +54,7 @@ class Record:
         data.read()
         description = json.loads((self.folder / f"{name}.json").read_text())
         self.runs[name] = description, data
+        self._known.clear()
         self.seconds.update(description["seconds"])
 
     def _digest(self, name: str) -> str:
@@ -79,6 +81,10 @@ class Record:
         (self.folder / f"{name}.json").write_text(json.dumps(description, indent=1))
         self._load(name)
 
+    def sum_seconds(self, tests: Iterable[str]) -> float:
+        """Returns how long tests take together."""
+        return sum(self.seconds[test] for test in tests)
+
     def tests(self, file: Path, line: int, most_seconds: float) -> list[str]:
         """Returns the tests that execute a line, the quickest first, for so many seconds.
 
@@ -104,6 +110,11 @@ class Record:
 
     def _executing(self, file: Path, line: int | None = None) -> set[str]:
         """The tests that execute a line of Python, or any line of a file."""
+        if (file, line) not in self._known:
+            self._known[file, line] = self._find_executing(file, line)
+        return self._known[file, line]
+
+    def _find_executing(self, file: Path, line: int | None) -> set[str]:
         contexts: set[str] = set()
         for description, data in self.runs.values():
             for path in data.measured_files():

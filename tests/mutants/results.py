@@ -49,6 +49,11 @@ def function_name(test: str) -> str:
     return test.partition("[")[0]
 
 
+def file_name(test: str) -> str:
+    """Returns the file of a test."""
+    return test.partition("::")[0]
+
+
 class Results:
     """The results that a file has; further ones are appended."""
 

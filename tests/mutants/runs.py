@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import compileall
 import contextlib
 import importlib
 import os
+import py_compile
 import shutil
 import signal
 import subprocess
@@ -19,7 +21,11 @@ import pytest
 
 from tests.mutants.mutant import Checkout, Mutant
 
-PRELOADED = ("torch", "numpy", "scipy.optimize", "scipy.ndimage", "skimage", "cv2", "PIL.Image")
+PRELOADED = (
+    *("torch", "numpy", "scipy.optimize", "scipy.ndimage", "skimage", "cv2", "PIL.Image", "pandas", "pyarrow.parquet"),
+    *("hypothesis.strategies", "hypothesis.internal.conjecture.engine", "fsspec", "fastapi.testclient"),
+    *("rich.progress", "_hypothesis_pytestplugin", "anyio.pytest_plugin", "xdist.plugin", "pytest_cov.plugin"),
+)
 NATIVE = Path("native")  # the folder of the package with C++
 
 
@@ -95,11 +101,11 @@ def _run_in_child(tree: Path, tests: Sequence[str], path: Path, arguments: Seque
     for name in [name for name in sys.modules if name.partition(".")[0] == "tests"]:
         del sys.modules[name]  # the copy has its own
     sys.path[:] = [str(tree / "src"), str(tree), *(folder for folder in sys.path if folder)]
-    os.environ.update(PYTHONPATH=f"{tree / 'src'}{os.pathsep}{tree}", PYTHONDONTWRITEBYTECODE="1")
-    sys.dont_write_bytecode = True
+    os.environ["PYTHONPATH"] = f"{tree / 'src'}{os.pathsep}{tree}"
     try:
         fixed = ("-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--continue-on-collection-errors")
-        return int(pytest.main([*fixed, *arguments, *tests], plugins=[Progress(tests, path)]))
+        preloaded = ("-W", "ignore::pytest.PytestAssertRewriteWarning")
+        return int(pytest.main([*fixed, *preloaded, *arguments, *tests], plugins=[Progress(tests, path)]))
     except BaseException:
         traceback.print_exc()
         return 3
@@ -142,6 +148,8 @@ class Tree:
         shutil.copytree(
             checkout.root, self.path, ignore=shutil.ignore_patterns(".*", "out", "build", "dist", "__pycache__")
         )
+        # of so many changes, two may be of one size and one second: what is compiled is told by the text
+        compileall.compile_dir(self.path, quiet=1, invalidation_mode=py_compile.PycInvalidationMode.CHECKED_HASH)
         self.checkout = Checkout(self.path, checkout.package)
         self.libraries = folder / "libraries"
 
