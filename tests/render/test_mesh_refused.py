@@ -15,7 +15,7 @@ import trimesh
 from PIL import Image
 from trimesh.exchange.stl import export_stl_ascii
 
-from nablahog.render import companion_files, mesh_file, obj_file, soup
+from nablahog.render import companion_files, gltf_checks, mesh_file, obj_file, soup
 from nablahog.render.mesh import load_mesh
 
 from .mesh_files import CUBE_OFF, TRIANGLE, VERTICES_OBJ, Glb, as_bytes, glb, triangle_glb, write
@@ -135,6 +135,12 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(obj_file, "MAX_FACES", 1)
     with pytest.raises(ValueError, match="at most 1 faces are allowed, got 2"):
         load_mesh(write(tmp_path, "a.obj", TRIANGLE + "f 1 2 3\n"))
+    nested = triangle_glb(nodes=[{"mesh": 0, "children": [1]}, {"children": [2]}, {}])
+    monkeypatch.setattr(gltf_checks, "MAX_LEVELS", 3)
+    load_mesh(write(tmp_path, "a.glb", nested))
+    monkeypatch.setattr(gltf_checks, "MAX_LEVELS", 2)
+    with pytest.raises(ValueError, match="at most 2 ancestors are allowed"):
+        load_mesh(write(tmp_path, "a.glb", nested))
     monkeypatch.setattr(mesh_file, "MAX_MESH_BYTES", 100)
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)

@@ -285,19 +285,33 @@ def test_places_in_the_texture_of_a_glb(
     torch.testing.assert_close(mesh.brightness, torch.full_like(mesh.brightness, brightness))
 
 
-def test_a_skeleton_moves_the_mesh_instead_of_its_node(tmp_path: Path) -> None:
-    """The corners follow two joints: of one they keep their place, of the other they move by 2 y, half each by 1 y."""
+def _skinned(joints: list[list[int]], weights: list[list[float]]) -> bytes:
+    """A rectangle with two joints, of which the second is 2 higher."""
     model = _rectangle()
     model.primitive["attributes"] |= {
-        "JOINTS_0": model.add(np.array([[0, 1, 0, 0]] * 4, "u1")),
-        "WEIGHTS_0": model.add(np.array([[1, 0, 0, 0], [1, 0, 0, 0], [0.5, 0.5, 0, 0], [0, 1, 0, 0]], "<f4")),
+        "JOINTS_0": model.add(np.array(joints, "u1")),
+        "WEIGHTS_0": model.add(np.array(weights, "<f4")),
     }
-    content = model.data(
+    return model.data(
         scenes=[{"nodes": [0, 1, 2]}],
         nodes=[{"mesh": 0, "skin": 0, "scale": [1, 9, 1]}, {}, {"translation": [0, 2, 0]}],
         skins=[{"joints": [1, 2], "inverseBindMatrices": model.add(np.array([np.eye(4)] * 2, "<f4"))}],
     )
-    mesh = load_mesh(write(tmp_path, "a.glb", content))
+
+
+WEIGHTS = [[1.0, 0, 0, 0], [1, 0, 0, 0], [0.5, 0.5, 0, 0], [0, 1, 0, 0]]
+
+
+@pytest.mark.parametrize(("corners", "weighted"), [(3, 4), (4, 3)])
+def test_a_skeleton_of_other_corners_is_refused(tmp_path: Path, corners: int, weighted: int) -> None:
+    content = _skinned([[0, 1, 0, 0]] * corners, WEIGHTS[:weighted])
+    with pytest.raises(ValueError, match="not as many joints as vertices"):
+        load_mesh(write(tmp_path, "a.glb", content))
+
+
+def test_a_skeleton_moves_the_mesh_instead_of_its_node(tmp_path: Path) -> None:
+    """The corners follow two joints: of one they keep their place, of the other they move by 2 y, half each by 1 y."""
+    mesh = load_mesh(write(tmp_path, "a.glb", _skinned([[0, 1, 0, 0]] * 4, WEIGHTS)))
     corners = mesh.vertices[:, [0, 2]] * 13**0.5 + torch.tensor([1.0, 1.5], dtype=torch.float64)
     expected = torch.tensor([[0, 0], [2, 0], [0, 2], [2, 3]], dtype=torch.float64)
     assert float(torch.cdist(corners, expected).amin(0).max()) < 1e-6

@@ -71,6 +71,8 @@ def test_labels_are_round_numbers(largest: float, step: float) -> None:
     above = [shape.text for shape in texts if shape.points[0][1] < plot.low.top]
     assert [float(text) for text in above] == pytest.approx([k * step for k in range(len(above))])
     assert (len(above) - 1) * step <= 1.05 * largest < len(above) * step
+    level = [line[0, 1] for line in lines(plot.drawing, "grid") if line[0, 1] == line[1, 1] < plot.low.top]
+    assert level == pytest.approx([plot.top.y(float(text)) for text in above])
 
 
 def test_all_lies_in_the_drawing_and_no_text_on_another() -> None:

@@ -282,3 +282,11 @@ def test_stores_have_the_images_of_a_folder(folder: str, pattern: str, capsys: p
             (advised,) = shlex.split(line.partition("a pattern takes them, ")[2])
             images, _ = list_images(Namespace(inputs=[advised], output="x.parquet", command="hog"))
             assert [Path(image.path.partition("::")[0]).name for image in images] == ["a2.jpg", "b.jpg", "c.jpg"]
+
+
+def test_patterns_of_urls_in_a_list_are_expanded(folder: str, tmp_path: Path) -> None:
+    """But not the question marks of signed URLs."""
+    above = Path(folder).parent.name
+    (tmp_path / "list.txt").write_text(f"memory://{above}/*.png\nmemory://{above}/a2.jpg?signed=a1\n")
+    images, _ = list_images(Namespace(inputs=[f"@{tmp_path / 'list.txt'}"], output="x.parquet", command="hog"))
+    assert [image.path.rpartition("/")[2] for image in images] == ["a1.png", "a10.png", "a2.jpg?signed=a1"]
