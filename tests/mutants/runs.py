@@ -104,8 +104,8 @@ def _run_in_child(tree: Path, tests: Sequence[str], path: Path, arguments: Seque
     os.environ["PYTHONPATH"] = f"{tree / 'src'}{os.pathsep}{tree}"
     try:
         fixed = ("-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--continue-on-collection-errors")
-        preloaded = ("-W", "ignore::pytest.PytestAssertRewriteWarning")
-        return int(pytest.main([*fixed, *preloaded, *arguments, *tests], plugins=[Progress(tests, path)]))
+        loaded_before = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # the plugins, so their asserts are plain
+        return int(pytest.main([*fixed, *loaded_before, *arguments, *tests], plugins=[Progress(tests, path)]))
     except BaseException:
         traceback.print_exc()
         return 3

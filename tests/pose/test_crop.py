@@ -85,10 +85,8 @@ def test_the_box_fills_what_a_turned_camera_sees(box: tuple[float, ...]) -> None
 def test_a_box_of_a_turned_camera_goes_through_the_middles_of_its_sides() -> None:
     crop = crop_object(torch.zeros(1, 240, 300), (10.0, 20.0, 38.0, 60.0), focal=200.0, axis=(150.0, 120.0))
     found = crop.box_in_photograph(torch.tensor([-30.0, -10, 20, 40], dtype=torch.float64))
-    middles = torch.tensor(
-        [[-30.0, 15], [-5, -10], [20, 15], [-5, 40]], dtype=torch.float64
-    )  # left, upper, right, lower
-    across, down = crop.to_photograph(*middles.T)
+    left, upper, right, lower = (-30.0, 15.0), (-5.0, -10.0), (20.0, 15.0), (-5.0, 40.0)
+    across, down = crop.to_photograph(*torch.tensor([left, upper, right, lower], dtype=torch.float64).T)
     assert found == pytest.approx((float(across[0]), float(down[1]), float(across[2]), float(down[3])))
 
 

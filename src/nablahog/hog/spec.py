@@ -272,7 +272,7 @@ def _check_kind(field: str, part: Any, kinds: dict[str, Any]) -> None:
 
 
 def _fields(instance: Any) -> dict[str, Any]:
-    """The values of a dataclass by name: :func:`dataclasses.asdict` would copy each, which takes long."""
+    """The values of a dataclass by name; :func:`dataclasses.asdict` would copy each of them, which takes long."""
     return {field.name: getattr(instance, field.name) for field in dataclasses.fields(instance)}
 
 
