@@ -17,7 +17,7 @@ import nablahog
 from nablahog import PoseEstimate, estimate_pose, render
 from nablahog.inputs.boxes import Box
 from nablahog.inputs.cameras import as_intrinsics
-from nablahog.pose.result import warning
+from nablahog.pose.result import DOUBT, warning
 from nablahog.render import pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 from nablahog.render.conventions import move_before_camera, pose_matrix
@@ -117,6 +117,8 @@ def test_an_ideal_camera_changes_nothing() -> None:
     assert torch.equal(plain.pose, other.pose)
     assert other.photograph_camera is None
     assert torch.equal(other.undistort(photo), photo)
+    bytes_of_photo = (255 * photo).round().byte()
+    assert torch.equal(other.undistort(bytes_of_photo), bytes_of_photo / 255)
 
 
 def test_a_mask_belongs_to_the_photograph() -> None:
@@ -172,7 +174,7 @@ def test_the_file_of_another_size_is_refused(size: tuple[int, int], said: str, t
 
 @pytest.mark.parametrize(
     ("across", "down", "warns"),
-    [(0.5, 0.5, True), (1.02, 1.02, False), (2, 2, True), (3, 3, True), (0.35, 0.6, True), (1.55, 0.45, False)],
+    [(0.5, 0.5, True), (1.02, 1.02, False), (2, 2, True), (3, 3, True), (0.35, 0.6, True), (1.55, 0.45, False), (3, 2.2, True)],
 )
 def test_a_principal_point_of_another_size_brings_a_warning(across: float, down: float, warns: bool) -> None:
     photo = torch.rand(1, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(0))
@@ -181,5 +183,8 @@ def test_a_principal_point_of_another_size_brings_a_warning(across: float, down:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = estimate_pose(photo, model(), intrinsics=camera, **options)
-    assert [str(each.message) for each in caught] == [warning(found)] * warns
+    advice = [str(each.message) for each in caught]
     assert all(each.filename == __file__ for each in caught)
+    doubt = [f"the similarity, {found.similarity:.1f}, is no higher than in photographs without the object: {DOUBT}"]
+    assert warning(found) == "; ".join(advice + doubt)
+    assert ["outside" in text for text in advice] == [down == 2.2] * warns

@@ -13,7 +13,7 @@ SHORTEST, LONGEST = 0.1, 100.0
 OFF_MIDDLE = 0.2
 """Share of a side's half by which the principal point of a photograph that was not cut is never off the middle."""
 FAR_OFF_MIDDLE = 0.6
-"""The same share, above which a principal point inside the photograph is more likely of another photograph."""
+"""The same share, above which a principal point is more likely of another photograph."""
 SAME_SCALE = 0.05  # at most, between both sides, if the intrinsics are of another size
 MOST_UNEQUAL = 2.5  # times the smaller focal length; an anamorphic lens has 2
 ROUNDING = 1e-9  # of the numbers of a camera matrix that are 0 or 1
@@ -118,19 +118,21 @@ def as_camera(
 def advise_on_size(height: int, width: int, cx: float, cy: float) -> str | None:
     """A sentence if the principal point is the middle of a photograph of another size, as before it was resized.
 
-    Or if it is so far off the middle of this one as only a photograph that was cut has it inside.
+    Or if it is so far off the middle of this one as only a photograph that was cut has it, or outside.
     """
     across, down = 2 * cx / width, 2 * cy / height
+    off_middle = max(abs(across - 1), abs(down - 1))
+    other, size = f"{2 * cy:.0f}x{2 * cx:.0f} pixels (height x width)", f"{height}x{width}"
+    place, write = f"the middle of a photograph of about {other}, not of {size}", "give the intrinsics of this photograph"
     if abs(across - 1) >= OFF_MIDDLE and abs(across - down) <= SAME_SCALE * max(across, down):
         write = f"multiply all intrinsics by {1 / across:.3g}"
-    elif FAR_OFF_MIDDLE < max(abs(across - 1), abs(down - 1)) <= 1:
-        write = "give the intrinsics of this photograph, as it is turned"
+    elif off_middle > 1:
+        place = f"outside the photograph of {size} pixels (height x width)"
+    elif off_middle > FAR_OFF_MIDDLE:
+        write += ", as it is turned"
     else:
         return None
-    return (
-        f"the principal point {cx:g}, {cy:g} is the middle of a photograph of about {2 * cy:.0f}x{2 * cx:.0f} pixels "
-        f"(height x width), not of {height}x{width}: unless this one was cut, {write}"
-    )
+    return f"the principal point {cx:g}, {cy:g} is {place}: unless this one was cut, {write}"
 
 
 def as_focal(name: str, focal: object) -> tuple[float, ...]:

@@ -153,7 +153,7 @@ class PoseEstimate(PoseGeometry):
             photograph: (C, H, W), the one of this estimate, as :func:`nablahog.estimate_pose` takes it.
 
         Returns:
-            (C, height, width), in 0…1, of bytes float32; unchanged if ``photograph_camera`` is None.
+            (C, height, width), in 0…1, of bytes float32; of an ideal camera the photograph itself.
 
         Raises:
             ValueError: it is of another size.
@@ -164,7 +164,7 @@ class PoseEstimate(PoseGeometry):
             came = "x".join(map(str, image.shape[1:]))
             raise ValueError(f"the photograph must be the one of the estimate, of {height}x{width} pixels, got {came}")
         if self.photograph_camera is None:
-            return image
+            return image if image.is_floating_point() else image / 255
         return IdealCamera(self.photograph_camera).resample(image, Box(0, 0, self.camera.width, self.camera.height))
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -204,7 +204,7 @@ def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:
         "position_std": None if estimate.position_std is None else estimate.position_std.tolist(),
         "focal_length": estimate.camera.focal,
         "focal_length_from": estimate.focal_from,
-        "principal_point": estimate.principal_point,
+        "principal_point": estimate.intrinsics[:2, 2].tolist(),
         "intrinsics": estimate.intrinsics.tolist(),
         "photograph_camera": None
         if real is None
@@ -253,17 +253,15 @@ def _finite(numbers: Sequence[float]) -> list[float | None]:
 def warning(estimate: PoseEstimate) -> str | None:
     """A sentence if the pose is more likely wrong than right: by its confidence, or else by its similarity.
 
-    Or if the camera's numbers seem to be for photographs of another size.
+    Before it, or alone, one if the camera's numbers seem to be for photographs of another size.
     """
     camera, point = estimate.photograph_camera or estimate.camera, estimate.principal_point
     point = (camera.cx, camera.cy) if isinstance(camera, PhotographCamera) else point
     advice = None if point is None else advise_on_size(camera.height, camera.width, *point)
-    if advice is not None:
-        return advice
     if estimate.confidence is not None:
         reason = f"the confidence is {estimate.confidence:.2f}" if estimate.confidence < 0.5 else None
     elif estimate.similarity_kind == "calibrated" and estimate.similarity < MIN_SIMILARITY:
         reason = f"the similarity, {estimate.similarity:.1f}, is no higher than in photographs without the object"
     else:
         reason = None
-    return reason and f"{reason}: {DOUBT}"
+    return "; ".join(filter(None, (advice, reason and f"{reason}: {DOUBT}"))) or None
