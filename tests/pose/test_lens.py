@@ -174,7 +174,15 @@ def test_the_file_of_another_size_is_refused(size: tuple[int, int], said: str, t
 
 @pytest.mark.parametrize(
     ("across", "down", "warns"),
-    [(0.5, 0.5, True), (1.02, 1.02, False), (2, 2, True), (3, 3, True), (0.35, 0.6, True), (1.55, 0.45, False), (3, 2.2, True)],
+    [
+        (0.5, 0.5, True),
+        (1.02, 1.02, False),
+        (2, 2, True),
+        (3, 3, True),
+        (0.35, 0.6, True),
+        (1.55, 0.45, False),
+        (3, 2.2, True),
+    ],
 )
 def test_a_principal_point_of_another_size_brings_a_warning(across: float, down: float, warns: bool) -> None:
     photo = torch.rand(1, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(0))

@@ -63,6 +63,14 @@ def test_remarks_and_headings_in_tables() -> None:
     assert counts == [1, 2, 2]  # rows are sorted within the one body
 
 
+def test_links() -> None:
+    row = {"input": Cell("x <", link="x_1.html"), "CC": Cell(2, link="y.html")}
+    html = page("T", "", [row], [], {}, back=("index.html", "all <"))
+    _Balanced().feed(html)
+    for text in ('<a href="x_1.html">x &lt;</a></th>', 'data-value="2"><a href="y.html">2</a></td>', '">all &lt;</a>'):
+        assert text in html
+
+
 def test_tables_of_pictures() -> None:
     row = {"image": Cell(Panel(np.eye(4), "x <"), "x <"), "found": None}
     html = page("T", "", [], [Section("Pictures", "text", table=[row, {"image": "more"}, row])], {})

@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..runtime.text import one_line, printable
-from ..viz.html import figure
+from ..viz.html import figure, without_empty_columns
 
 UNBROKEN_CHARACTERS = 16  # characters of a name that is not broken in a table
 LINE_CHARACTERS = 1000  # characters of a line: lists of file names may be any length
@@ -137,8 +137,8 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     if _quiet:
         return
     console = _console()
-    filled = [key for key in rows[0] if any(row[key] is not None for row in rows)]
-    columns = {key: [_format_value(row[key]) for row in rows] for key in filled}
+    rows = without_empty_columns(rows)
+    columns = {key: [_format_value(row[key]) for row in rows] for key in rows[0]}
     numbers = [key for key in columns if all(row[key] is None or isinstance(row[key], int | float) for row in rows)]
     broken = [key for key, shown in columns.items() if key not in numbers and not all(map(_is_short_name, shown))]
     widths = {key: max(map(len, [*key.split("\n"), *shown])) for key, shown in columns.items()}

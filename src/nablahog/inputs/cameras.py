@@ -123,7 +123,10 @@ def advise_on_size(height: int, width: int, cx: float, cy: float) -> str | None:
     across, down = 2 * cx / width, 2 * cy / height
     off_middle = max(abs(across - 1), abs(down - 1))
     other, size = f"{2 * cy:.0f}x{2 * cx:.0f} pixels (height x width)", f"{height}x{width}"
-    place, write = f"the middle of a photograph of about {other}, not of {size}", "give the intrinsics of this photograph"
+    place, write = (
+        f"the middle of a photograph of about {other}, not of {size}",
+        "give the intrinsics of this photograph",
+    )
     if abs(across - 1) >= OFF_MIDDLE and abs(across - down) <= SAME_SCALE * max(across, down):
         write = f"multiply all intrinsics by {1 / across:.3g}"
     elif off_middle > 1:

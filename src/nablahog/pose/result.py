@@ -74,7 +74,7 @@ class PoseEstimate(PoseGeometry):
         focal_from: the source of the focal length, ``"given"``, ``"exif"``, or ``"assumed"``; if assumed, the distance
             is not the true one.
         principal_point: x, y where the optical axis meets the photograph, pixels; None where the focal length is
-            assumed.
+            assumed; :attr:`intrinsics` then has that of a camera that looks straight at the object.
         photograph_camera: the camera that took the photograph, with its ``matrix`` and ``distortion``, if that is not
             the ideal one; else None.
         from_original: (4, 4), float64: of the model, see :class:`~nablahog.render.Mesh`.

@@ -133,10 +133,11 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure of a table, or a :class:`Panel`, with a smaller remark below it."""
+    """A figure of a table, or a :class:`Panel`, with a smaller remark below it; ``link`` is a page that it leads to."""
 
     value: object
-    remark: str
+    remark: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Section:
         heading: may be empty.
         text: the sentence.
         panels: pictures side by side.
+        wide: whether at most two of them are side by side.
         table: as :func:`page` takes it.
         compared: two pictures of one shape, one above the other, with a slider that wipes from the first to the second.
         drawings: charts side by side, if there is room.
@@ -155,6 +157,7 @@ class Section:
     heading: str
     text: str
     panels: Sequence[Panel] = ()
+    wide: bool = field(default=False, kw_only=True)
     table: Sequence[Mapping[str, object]] = ()
     compared: tuple[Panel, Panel] | None = None
     drawings: Sequence[Drawing] = ()
@@ -182,6 +185,12 @@ def figure(value: object) -> str:
     return f"{value:.3f}" if abs(value) < 10 else f"{value:.1f}"
 
 
+def without_empty_columns(rows: Sequence[Mapping[str, object]]) -> list[dict[str, object]]:
+    """A table without the columns in which all values are None."""
+    filled = [name for name in rows[0] if any(row[name] is not None for row in rows)]
+    return [{name: row[name] for name in filled} for row in rows]
+
+
 def page(
     title: str,
     lead: str,
@@ -192,6 +201,7 @@ def page(
     *,
     first: Section | None = None,
     caption: str = "The figures are explained at the end.",
+    back: tuple[str, str] | None = None,
 ) -> str:
     """One HTML page in one file: pictures are inlined, styles follow light and dark mode.
 
@@ -205,6 +215,7 @@ def page(
         definitions: what each figure means, printed at the end.
         first: a section above the table.
         caption: the caption of the table.
+        back: the file of the page that leads here, and what it is called.
     """
     return _load_template("page.html").render(
         title=title,
@@ -215,6 +226,7 @@ def page(
         definitions=definitions,
         footer=footer,
         first=first,
+        back=back,
     )
 
 

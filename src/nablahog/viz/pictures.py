@@ -22,7 +22,7 @@ from ..runtime.pytorch import in_plain_mode
 
 GLYPH_PIXELS, MOST_PIXELS = 16, 1024  # height of a cell of glyphs, and the most of it
 STRIP_PIXELS = 2**21  # that are drawn at once, in float64
-RED = (1.0, 0.15, 0.1)
+RED, BLUE = (1.0, 0.15, 0.1), (0.1, 0.6, 1.0)
 
 
 def edge_votes(descriptor: Picture, spec: HOGSpec) -> tuple[NDArray[np.float64], NDArray[np.floating]]:

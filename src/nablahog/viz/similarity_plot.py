@@ -20,15 +20,17 @@ HEIGHTS = 240, 140  # of similarity and derivative
 HEAD, FOOT, VIEW = 24, 20, 96
 TANGENT_REACH = 15.0  # degrees of azimuth, on each side
 LEAST_LABEL_WIDTH = 40.0  # pixels between labels of azimuths
-_MARK = (round(255 * RED[0]), round(255 * RED[1]), round(255 * RED[2]))
 
 
-def draw_boxes(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
-    """A picture in 0…1 as (3, H, W) with red boxes x0, y0, x1, y1 in pixels; what is beyond the picture is not seen."""
+def draw_boxes(
+    picture: Picture, boxes: Sequence[Sequence[float]], colour: tuple[float, float, float] = RED
+) -> NDArray[np.float64]:
+    """A picture in 0…1 as (3, H, W) with boxes x0, y0, x1, y1 in pixels; what is beyond the picture is not seen."""
+    red, green, blue = (round(255 * part) for part in colour)
     drawn = to_pil(picture).convert("RGB")
     draw = ImageDraw.Draw(drawn)
     for x0, y0, x1, y1 in boxes:
-        draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=_MARK, width=2)
+        draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), outline=(red, green, blue), width=2)
     picture_with_boxes: NDArray[np.float64] = np.asarray(drawn).transpose(2, 0, 1) / 255
     return picture_with_boxes
 
@@ -36,10 +38,8 @@ def draw_boxes(picture: Picture, boxes: Sequence[Sequence[float]]) -> NDArray[np
 def draw_by_azimuth(
     similarities: Floats,
     derivatives: Floats,
-    differences: Floats,
     *,
     kind: str,
-    remark: str,
     azimuth: float,
     traces: Sequence[tuple[Sequence[float], Sequence[float]]] = (),
     views: Sequence[Picture] = (),
@@ -48,9 +48,7 @@ def draw_by_azimuth(
 
     Args:
         similarities, derivatives: (N,), at N equidistant azimuths from 0°, the latter per degree.
-        differences: (N,), what the derivatives are compared with, drawn in gray behind them.
         kind: the kind of similarity.
-        remark: says what the differences are, and how well they agree with the derivatives.
         azimuth: to mark, degrees.
         traces: of searches: azimuths in degrees, of any turn, and similarities, drawn into the upper part.
         views: equidistant from 0°, drawn below, square.
@@ -59,20 +57,18 @@ def draw_by_azimuth(
     description = f"The similarity, {kind}, is largest at an azimuth of {best:g}°; the pose found has {azimuth:.1f}°."
     plot = SimilarityPlot(
         np.concatenate([similarities, *(np.asarray(values) for _, values in traces)]),
-        np.concatenate([derivatives, differences]),
+        derivatives,
         description,
         title=f"similarity, {kind}",
         foot=VIEW + 8 if views else 0,
     )
-    drawing, top, low = plot.drawing, plot.top, plot.low
-    drawing.note((drawing.width - RIGHT, low.top - 6), remark, "faint", "end")
+    drawing, top = plot.drawing, plot.top
     plot.mark(azimuth, "found")
     if traces:
         middle = (LEFT + drawing.width - RIGHT) / 2
         drawing.note((middle, HEAD - 6), "paths of the search; rings: starts", "path", "middle")
     for azimuths, values in traces:
         top.line(azimuths, values, "path", 1.5)
-    low.closed_line(differences, "faint", 3)
     plot.curve(similarities, derivatives)
     for azimuths, values in traces:
         drawing.dot((top.x(azimuths[0] % 360), top.y(values[0])), "path", 5, ringed=True)

@@ -21,6 +21,7 @@ from PIL import ExifTags, Image
 from nablahog.cli.commands import pose
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_files import PosedObject
+from nablahog.inputs.boxes import Box
 from nablahog.inputs.cameras import advise_on_size
 from nablahog.io.images import write_image
 from nablahog.io.lists import AnnotatedObject
@@ -81,7 +82,7 @@ def test_the_best_of_several_models(
     printed = capsys.readouterr()
     assert printed.err.startswith("nablahog pose: skipped: bad: ")
     assert printed.err.count("\n") == 1
-    for text in ("wooden", "azimuth", str(out / "index.html")):
+    for text in ("wooden", "azimuth", "Focal length assumed, so the distance", str(out / "index.html")):
         assert text in printed.out
     assert names(out) == sorted([*RESULTS, "object_1.html"])
     assert photograph.read_bytes() == before
@@ -97,25 +98,29 @@ def test_the_best_of_several_models(
     assert page.count("data:image/png;base64,") == 4 + 8 + 4
     assert 'alt="The same with the outline of wooden at the pose found"' in page
     assert "http" not in re.sub(r"http://www.w3.org/[\w/]+", "", page)  # names of SVG, which nobody loads
-    for text in ("Pose of chair.png", "<td>wooden</td>", "swivel, wooden", "<dt>elevation</dt>"):
+    for text in ("Pose of chair.png", "<td>wooden</td>", "swivel, wooden", "<dt>elevation</dt>", "<td>assumed</td>"):
         assert text in page
-    (cosine,) = re.findall(r"over ±0.1° is (\d\.\d\d)", page)
-    assert float(cosine) > 0.7
-    whole_picture, close = (
-        np.asarray(Image.open(BytesIO(base64.b64decode(text)))).astype(int)
-        for text in re.findall('data:image/png;base64,([^"]+)', (out / "index.html").read_text())
-    )
+    index = (out / "index.html").read_text()
+    assert '<a href="index.html">' in page
+    assert '<a href="object_1.html">chair.png</a>' in index
+    for text in ("the mean of those of the best eight models", "Focal length assumed"):
+        assert text in page
+        assert text in index
+    (shown_picture,) = re.findall('data:image/png;base64,([^"]+)', index)
+    joined = np.asarray(Image.open(BytesIO(base64.b64decode(shown_picture)))).astype(int)
+    close, whole_picture = joined[:, :240], joined[:, 240:]
     assert whole_picture.shape == (240, 288, 3)  # as the photograph of 150x180
-    assert close.shape == (240, 240, 3)
     shown = Image.open(photograph).convert("RGB").resize((288, 240), Image.Resampling.BILINEAR)
     unlike = np.abs(whole_picture - np.asarray(shown)).max(2) > 30
     assert 0.005 < unlike.mean() < 0.1  # the outline and the box alone
-    assert is_red(whole_picture[unlike]).mean() > 0.9
+    red, blue = is_red(whole_picture[unlike]).mean(), is_red(whole_picture[unlike, ::-1]).mean()
+    assert red > 0.2 < blue  # the outline and the box
+    assert red + blue > 0.9
     assert is_red(close).mean() > 0.005
 
 
 def is_red(pixels: NDArray[np.int_]) -> NDArray[np.bool_]:
-    return (pixels[..., 0] > 200) & (pixels[..., 1:].max(-1) < 100)
+    return (pixels[..., 0] > 200) & (pixels[..., 1:].max(-1) < 170) & (pixels[..., 2] < 100)
 
 
 def test_chairs_that_come_with_the_package(
@@ -169,25 +174,35 @@ def test_axes_of_the_model(
         assert poses[-1]["bbox"] == [0, 0, 180, 150]
         assert poses[-1]["similarity"] < 5  # a wedge is no chair
         said = capsys.readouterr().err
-        assert said.startswith(f"nablahog pose: warning: {poses[-1]['warning']}")
+        assert said.startswith(f"nablahog pose: warning: {poses[-1]['warning']}; give a rough box")
         assert ("--up y" in said) == (not axes)
     assert poses[1]["azimuth"] == poses[0]["azimuth"]
     assert poses[1]["similarity"] == pytest.approx(poses[0]["similarity"])
 
 
 def test_advice_on_a_warning_fits_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A model on its side is a cause only of doubt, and a wrong azimuth a likelier one."""
+    """A model on its side is a cause only of doubt; a wrong azimuth and a missing box are likelier ones."""
     doubt, size = f"the confidence is 0.10: {DOUBT}", advise_on_size(150, 180, 180, 150)
     models = [Model("wedge", tmp_path / "wedge.off")]
     advice = []
-    for warning, within, view in ((doubt, 30, (0, 10)), (doubt, 180, (0, 10)), (doubt, 30, None), (size, 30, (0, 10))):
+    box = Box(1, 2, 3, 4)
+    for warning, within, view, given in (
+        (doubt, 30, (0, 10), None),
+        (doubt, 180, (0, 10), box),
+        (doubt, 30, None, None),
+        (size, 30, (0, 10), None),
+    ):
         request = PoseRequest(mesh="wedge.off", initial=view or (0, 10), within=within)
-        posed = PosedObject(AnnotatedObject(1, "a.png", None, view), {"warning": warning})
+        posed = PosedObject(AnnotatedObject(1, "a.png", given, view), {"warning": warning})
         assert pose._status([posed], request, models) == 0
         said = capsys.readouterr().err
-        advice.append([said.find(option) for option in ("--within", "--up y")])
-    assert 0 < advice[0][0] < advice[0][1]
-    assert [[place > 0 for place in places] for places in advice[1:]] == [[False, True], [False, True], [False, False]]
+        advice.append([said.find(option) for option in ("--within", "--box", "--up y")])
+    assert 0 < advice[0][0] < advice[0][1] < advice[0][2]
+    assert [[place > 0 for place in places] for places in advice[1:]] == [
+        [False, False, True],
+        [False, True, True],
+        [False, False, False],
+    ]
 
 
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
@@ -244,7 +259,9 @@ def test_where_the_focal_length_is_from(scene: list[str], run: Run) -> None:
     ]
     assert [each["focal_length_from"] for each in poses] == ["exif", "assumed", "exif"]
     assert poses[0]["focal_length"] == pytest.approx(50 / np.hypot(36, 24) * np.hypot(150, 180))
-    assert [each["principal_point"] for each in poses] == [[80, 70], None, [90, 75]]
+    assumed = [90 + poses[1]["x"], 75 + poses[1]["y"]]
+    assert [each["principal_point"] for each in poses] == [[80, 70], assumed, [90, 75]]
+    assert [[each["intrinsics"][k][2] for k in range(2)] for each in poses] == [[80, 70], assumed, [90, 75]]
 
 
 def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_the_figures(
@@ -273,6 +290,7 @@ def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_t
     assert "units of" not in capsys.readouterr().out
     row = read_row(tmp_path)
     assert row["distance_std"] == row["position_x_std"] == ""
+    assert float(row["position_z"]) == float(row["distance_in_file_units"])
     assert float(row["azimuth_std"]) > 0
     assert run(*scene, "--method", "exhaustive")["covariance"] is None
     assert read_row(tmp_path)["azimuth_std"] == ""

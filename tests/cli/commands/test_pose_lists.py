@@ -18,9 +18,9 @@ from torch import Tensor
 from nablahog import estimate_pose, sample_chairs
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
-from nablahog.cli.results.pose_files import PosedObject, rows
+from nablahog.cli.results.pose_files import PosedObject, as_csv, rows
 from nablahog.cli.results.pose_page import pose_page
-from nablahog.cli.results.pose_pictures import SIDE, picture_size
+from nablahog.cli.results.pose_pictures import joined_shape
 from nablahog.io.images import read_image, write_image
 from nablahog.io.input_file import InputFile
 from nablahog.io.lists import AnnotatedObject, read_objects
@@ -28,6 +28,7 @@ from nablahog.pose import PoseEstimate
 from nablahog.pose.lens import choose_lens
 from nablahog.pose.result import pose_figures
 from nablahog.render import Camera, load_mesh, render
+from nablahog.viz.html import figure
 from tests.pose.common import degrees_between, model, photographed
 
 from ...paper.common import run_in_this_process
@@ -77,8 +78,9 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
         # the box is that of the model's points, as these figures project them
         to_file = torch.linalg.inv(mesh.from_original)
         points = (mesh.vertices @ to_file[:3, :3].T + to_file[:3, 3]).numpy()
-        seen = (points @ matrix[:, :3].T + matrix[:, 3]) @ np.array(each["intrinsics"]).T
-        seen = seen[:, :2] / seen[:, 2:]
+        seen = points @ matrix[:, :3].T + matrix[:, 3]
+        principal_point = [float(row["principal_point_x"]), float(row["principal_point_y"])]
+        seen = float(row["focal_length"]) * seen[:, :2] / seen[:, 2:] + principal_point
         x, y, width, height = each["bbox"]
         assert np.abs(np.concatenate([seen.min(0), seen.max(0)]) - [x, y, x + width, y + height]).max() < 5
         assert each["confidence"] == float(row["confidence"]) > 0.3
@@ -105,9 +107,7 @@ def test_poses_of_a_calibrated_camera_are_stored_and_shown(tmp_path: Path, photo
     distortion = tuple(map(float, bent.split(","))) if bent else None
     photograph = read_image(photos / "a.png", as_bytes=True)
     whole = choose_lens((150, 180), intrinsics=[*map(float, numbers)], distortion=distortion).undistort(photograph)
-    for picture, close in zip(shown[::2], shown[1::2], strict=True):
-        assert tuple(picture.shape[1:]) == picture_size(whole.shape[1:], SIDE)
-        assert tuple(close.shape[1:]) == (SIDE, SIDE)
+    assert [tuple(picture.shape) for picture in shown] == [joined_shape(whole.shape[1:])] * 2
 
 
 def test_a_run_is_resumed(tmp_path: Path, photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,9 +185,23 @@ def test_the_table_has_it_where_it_is_likely(found: PoseEstimate, confidence: fl
     assert [row["second"] for row in rows([posed, failed])] == [shown, None]
 
 
+@pytest.mark.parametrize(("others", "shown"), [((65.64, 155.0), "180.0 or 65.6 or 155.0"), ((7.5,) * 47, "any")])
+def test_other_azimuths_that_look_the_same_are_shown(
+    found: PoseEstimate, others: tuple[float, ...], shown: str
+) -> None:
+    estimate = replace(with_second(found, 0.31), azimuth=180.0, equivalent_azimuths=others, covariance=None)
+    figures = {**pose_figures(estimate), "seconds": 1.0}
+    posed = PosedObject(AnnotatedObject(1, "a.png"), figures)
+    assert figure(rows([posed])[0]["azimuth,\n°"]) == shown
+    (row,) = csv.DictReader(as_csv([posed]).splitlines())
+    assert (row["any_azimuth"], [*map(float, row["equivalent_azimuths"].split())]) == (str(shown == "any"), [*others])
+    assert (row["second_azimuth"], row["second_confidence"]) == ("1.6", "0.31")
+
+
 def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -> None:
     with_it, without = (
-        pose_page("a.png", photograph, with_second(found, confidence), MESHES, "best") for confidence in (0.31, 0.14)
+        pose_page("a.png", photograph, with_second(found, confidence), MESHES, "best", choose_lens((128, 128)))
+        for confidence in (0.31, 0.14)
     )
     assert "second answer: azimuth 2°, confidence 0.31" in with_it
     assert "second answer: azimuth 2°" not in without

@@ -35,7 +35,8 @@ from ..errors import REFUSED, SOME_SKIPPED, WrongArguments, blaming_arguments, t
 from ..results.pose_files import PosedObject, names, position_rows, rows, write
 from ..results.pose_page import pose_page
 from ..results.pose_pictures import join_pictures, joined_shape
-from ..terminal import counter, inform, print_table, say_page
+from ..results.pose_table import say_assumed
+from ..terminal import counter, inform, print_table, say, say_page
 
 _NO_PART_OF_A_RESULT: dict[str, Any] = {"mesh": None, "mask": None, "annotations": None, "least_confidence": 0.0}
 """Fields of a request that do not change a stored result: the content of files counts, not their names."""
@@ -71,10 +72,12 @@ def pose(arguments: Namespace) -> int:
             raise ValueError(f"no object has a pose; the first: {_named(failed[0])}")
         for each in failed:
             tell("pose", f"skipped: {_named(each)}")
-        write(folder, posed, least)
+        write(folder, posed, least, several=len(readable) > 1 and request.method == "best")
     print_table(rows(posed))
     if positions := position_rows(posed):
         print_table(positions)
+    if assumed := say_assumed([one.figures for one in posed]):
+        say(assumed)
     say_page(folder / "index.html")
     return _status(posed, request, models)
 
@@ -177,8 +180,12 @@ def _explain_warning(doubtful: PosedObject, request: PoseRequest, models: list[M
         parts.append(
             f"only azimuths within {request.within:g}° of {initial} were searched: check it, or widen --within"
         )
+    if doubtful.listed.box is None and not doubtful.listed.polygons and request.mask is None:
+        parts.append(
+            f"give a rough box of the object {'by --box' if request.annotations is None else 'in --annotations'}"
+        )
     if request.mesh and request.up is None and {model.file.suffix.lower() for model in models} - {*Y_UP}:
-        parts.append("if y points up in the file of the model, use --up y --front=+z")
+        parts.append("check the model's axes: if y points up in its file, use --up y --front=+z")
     return "; ".join(parts)
 
 
@@ -243,7 +250,7 @@ class ObjectJob:
         figures: dict[str, Any] = {**pose_figures(lens.report(estimate, given_box)), "seconds": round(seconds, 4)}
         figures["drawn_size"] = [*photograph.shape[1:]]
         if request.page:
-            figures["page"] = pose_page(self.listed.image, photograph, estimate, meshes, request.method, lens.camera)
+            figures["page"] = pose_page(self.listed.image, photograph, estimate, meshes, request.method, lens)
         picture = join_pictures(photograph, estimate, mesh)
         return JobResult([figures], np.rint(255 * picture[None]).astype(np.uint8), seconds)
 

@@ -62,9 +62,7 @@ def page(
 ) -> str:
     """The page: for each of the first inversions a section with its pictures, below a table of all."""
     shown = inversions[:SHOWN_INPUTS]
-    rows = [{**inversion.row(), "input": inversion.source.name} for inversion in inversions]
-    filled = [name for name in rows[0] if any(row[name] is not None for row in rows)]
-    rows = [{name: row[name] for name in filled} for row in rows]
+    rows = html.without_empty_columns([{**inversion.row(), "input": inversion.source.name} for inversion in inversions])
     more = f" The pictures of {len(shown)} of {len(inversions)} are below." if len(shown) < len(inversions) else ""
     return html.page(
         title,

@@ -20,27 +20,47 @@ from ...jobs.store import JobResult
 from ...runtime.text import guard_formula
 from ...viz import html
 from ...viz.pictures import Panel
-from .pose_pictures import split_pictures
-from .pose_table import DEFINITIONS, MATRIX, POSITIONS, define, get_deviation, show_figures, show_position
+from .pose_pictures import SEVERAL_MODELS
+from .pose_table import (
+    DEFINITIONS,
+    MATRIX,
+    POSITION,
+    POSITIONS,
+    PRINCIPAL_POINT,
+    SECOND,
+    define,
+    get_deviation,
+    say_assumed,
+    show_figures,
+    show_position,
+)
 
 SHOWN = 100  # objects with pictures on the page
 LEAD = "The poses at which renderings of CAD models have the HOG most like that of objects in photographs."
 _POSE = ("azimuth", "elevation", "theta", "distance", "distance_in_file_units", "x", "y")
-_CAMERA = ("focal_length", "focal_length_from")
+_DEVIATIONS = [f"{name}_std" for name in _POSE]
+_PLAIN = [
+    *("model", *_POSE, "any_azimuth", "focal_length", "focal_length_from", "similarity", "similarity_kind"),
+    *("confidence", "warning", "half_turn", "renderings", "seconds"),
+]
+"""Figures of one number or text."""
+COLUMNS = [
+    *("image", "id", *SIDES, *_PLAIN, "equivalent_azimuths", *_DEVIATIONS, *POSITION, *PRINCIPAL_POINT, *SECOND),
+    *("refused", *MATRIX, "error"),
+]
+"""Those of poses.csv."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosedObject:
     """An object with the figures of its pose and its joined pictures, uint8; without a pose, a sentence says why.
 
-    ``drawn_size`` is height and width of the photograph that is drawn, which was undistorted.  ``page`` is HTML, if
-    pages were asked for; ``refused`` is a pose that is less sure than was asked for.
+    ``page`` is HTML, if pages were asked for; ``refused`` is a pose that is less sure than was asked for.
     """
 
     listed: AnnotatedObject
     figures: Mapping[str, Any] = field(default_factory=dict)
     picture: NDArray[Any] | None = None
-    drawn_size: Sequence[int] = ()
     page: str | None = None
     failure: str = ""
     refused: bool = False
@@ -51,9 +71,9 @@ class PosedObject:
         if isinstance(result, str):
             return cls(listed, failure=result)
         figures = dict(result.figures[0])
-        page, drawn_size, confidence = figures.pop("page", None), figures.pop("drawn_size"), figures["confidence"]
+        page, confidence, _ = figures.pop("page", None), figures["confidence"], figures.pop("drawn_size")
         refused = confidence is not None and confidence < least_confidence
-        return cls(listed, figures, result.pictures[0], drawn_size, page, refused=refused)
+        return cls(listed, figures, result.pictures[0], page, refused=refused)
 
 
 def names(objects: Sequence[AnnotatedObject], pages: bool) -> list[str]:
@@ -65,12 +85,15 @@ def _page_name(posed: AnnotatedObject) -> str:
     return f"object_{posed.id}.html"
 
 
-def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float) -> None:
-    """Writes the files of :func:`names`; all are made before the first is written."""
+def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float, *, several: bool) -> None:
+    """Writes the files of :func:`names`; all are made before the first is written.
+
+    ``several`` says whether poses are means of those of several models.
+    """
     texts = {
         "poses.csv": as_csv(objects),
         "poses.json": json.dumps(as_json(objects), indent=1, allow_nan=False) + "\n",
-        "index.html": _page(objects, least_confidence),
+        "index.html": _page(objects, least_confidence, several),
         **{_page_name(posed.listed): posed.page for posed in objects if posed.page is not None},
     }
     for name, text in texts.items():
@@ -80,27 +103,31 @@ def write(folder: Path, objects: Sequence[PosedObject], least_confidence: float)
 def as_csv(objects: Sequence[PosedObject]) -> str:
     """A line for each object, which :func:`nablahog.io.lists.read_objects` reads again."""
     out = io.StringIO()
-    figures = ("model", *_POSE, *_CAMERA, "similarity", "confidence")
-    deviations = [f"{name}_std" for name in _POSE]
-    position = [f"position_{axis}{suffix}" for suffix in ("", "_std") for axis in "xyz"]
-    columns = ["image", "id", *SIDES, *figures, *deviations, *position, "refused", *MATRIX, "error"]
-    writer = csv.DictWriter(out, columns, lineterminator="\n", restval="")
+    writer = csv.DictWriter(out, COLUMNS, lineterminator="\n", restval="")
     writer.writeheader()
     for posed in objects:
         row: dict[str, Any] = {"image": posed.listed.image, "id": posed.listed.id, "error": posed.failure}
         row |= dict(zip(SIDES, posed.figures.get("box", posed.listed.box) or (), strict=False))
         if posed.figures:
-            row |= {name: posed.figures[name] for name in figures}
-            row |= {f"{name}_std": get_deviation(posed.figures, name) for name in _POSE}
-            row |= dict(
-                zip(position, chain(posed.figures["position"], posed.figures["position_std"] or ()), strict=False)
-            )
-            row |= dict(zip(MATRIX, chain(*posed.figures["matrix"][:3]), strict=True))
-            row["refused"] = posed.refused
+            row |= {**_as_columns(posed.figures), "refused": posed.refused}
         writer.writerow(
             {name: guard_formula(value) if isinstance(value, str) else value for name, value in row.items()}
         )
     return out.getvalue()
+
+
+def _as_columns(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures of a pose by the columns of poses.csv."""
+    position, second = (*figures["position"], *(figures["position_std"] or ())), figures["second"] or {}
+    return {
+        **{name: figures[name] for name in _PLAIN},
+        "equivalent_azimuths": " ".join(map(str, figures["equivalent_azimuths"])),
+        **{column: get_deviation(figures, name) for column, name in zip(_DEVIATIONS, _POSE, strict=True)},
+        **dict(zip(POSITION, position, strict=False)),
+        **dict(zip(PRINCIPAL_POINT, figures["principal_point"], strict=True)),
+        **{column: second.get(column.removeprefix("second_")) for column in SECOND},
+        **dict(zip(MATRIX, chain(*figures["matrix"][:3]), strict=True)),
+    }
 
 
 def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
@@ -143,49 +170,55 @@ def as_json(objects: Sequence[PosedObject]) -> dict[str, Any]:
 def rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     """The most important figures, for a table."""
     shown = ("model", "azimuth", "elevation", "theta", "distance", "similarity", "confidence", "second", "half_turn")
-    return [
-        {
-            "image": posed.listed.image,
-            "object": posed.listed.id,
-            **show_figures(posed.figures, shown),
-        }
-        for posed in objects
-    ]
+    return [{**_name(posed), **show_figures(posed.figures, shown)} for posed in objects]
+
+
+def _name(posed: PosedObject) -> dict[str, object]:
+    """The first columns of tables."""
+    return {"image": posed.listed.image, "id": posed.listed.id}
 
 
 def position_rows(objects: Sequence[PosedObject]) -> list[dict[str, object]]:
     """The positions of all objects whose camera is known, for a table."""
-    named = (({"image": one.listed.image, "object": one.listed.id}, show_position(one.figures)) for one in objects)
-    return [{**name, **position} for name, position in named if position]
+    shown = ((_name(posed), show_position(posed.figures)) for posed in objects)
+    return [{**name, **position} for name, position in shown if position]
 
 
-def _page(objects: Sequence[PosedObject], least_confidence: float) -> str:
+def _page(objects: Sequence[PosedObject], least_confidence: float, several: bool) -> str:
     panels = []
     for posed in objects[:SHOWN]:
         if posed.picture is not None:
-            name, model = f"{posed.listed.image}, {posed.listed.id}", posed.figures["model"]
-            photograph, close = split_pictures(posed.picture / 255, posed.drawn_size)
-            panels.append(Panel(photograph, name, f"The photograph with the object's box and the outline of {model}"))
-            panels.append(Panel(close, f"{name}, closer", f"The object in gray with the outline of {model}"))
+            seen = (
+                f"The object in gray, closer, and the photograph with its box; the outline of {posed.figures['model']}"
+            )
+            panels.append(Panel(posed.picture / 255, f"{posed.listed.image}, {posed.listed.id}", seen))
     doubtful = [
-        {"image": posed.listed.image, "object": posed.listed.id, "why": posed.figures["warning"]}
-        for posed in objects
-        if posed.figures.get("warning")
+        {**_name(posed), "warning": posed.figures["warning"]} for posed in objects if posed.figures.get("warning")
     ]
-    failed = [
-        {"image": posed.listed.image, "object": posed.listed.id, "why": posed.failure}
-        for posed in objects
-        if not posed.figures
-    ]
-    first = "" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown."
+    failed = [{**_name(posed), "error": posed.failure} for posed in objects if not posed.figures]
+    outlines = (
+        "Each object in gray, closer, and in its photograph, with its box in blue and the outline of the model that "
+        f"fits best in red.{SEVERAL_MODELS if several else ''}"
+        + ("" if len(objects) <= SHOWN else f" Only the first {SHOWN} are shown.")
+    )
     sections = [
-        html.Section("Outlines", f"Objects with the outline of the model that fits best, and closer.{first}", panels),
+        html.Section("Outlines", outlines, panels, wide=True),
         html.Section("Positions", POSITIONS, table=position_rows(objects)),
-        html.Section("Doubtful poses", "Poses that are more likely wrong than right, and why.", table=doubtful),
+        html.Section("Doubtful poses", "Poses that may be wrong, and why.", table=doubtful),
         html.Section("No pose", "Objects without a pose, and why.", table=failed),
     ]
     refused = sum(posed.refused for posed in objects)
     below = f"a confidence below {least_confidence:g}"
     lead = f"{LEAD} " + (f"{refused} of {len(objects)} have {below}." if refused else f"None has {below}.")
-    definitions = define([*rows(objects[:1])[0]], [posed.figures for posed in objects])
-    return html.page("Poses", lead, rows(objects), sections, definitions, html.footer("poses.json and poses.csv"))
+    table = [
+        {**row, "image": html.Cell(row["image"], link="" if posed.page is None else _page_name(posed.listed))}
+        for row, posed in zip(html.without_empty_columns(rows(objects)), objects, strict=True)
+    ]
+    return html.page(
+        "Poses",
+        f"{lead} {say_assumed([posed.figures for posed in objects])}".rstrip(),
+        table,
+        sections,
+        define([*table[0]], [posed.figures for posed in objects]),
+        html.footer("poses.json; poses.csv has most of them"),
+    )

@@ -4,34 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ...hog import HOGSpec
 from ...inputs.boxes import Box
-from ...inputs.cameras import PhotographCamera
 from ...io.images import as_array
 from ...pose import PoseEstimate
 from ...pose.crop import CROP_FILL, CROP_SIDE, crop_object
+from ...pose.lens import Lens
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
 from ...pose.result import pose_figures, warning
-from ...pose.similarity import Similarity, describe
+from ...pose.similarity import describe
 from ...render import Mesh, render
-from ...render.renderer import EdgeMethod
 from ...viz import html
 from ...viz.pictures import Panel, glyphs
 from ...viz.similarity_plot import draw_boxes, draw_by_azimuth
-from .pose_pictures import close_up, outline_photograph
-from .pose_table import POSITIONS, define, show_figures, show_position
+from .pose_pictures import SEVERAL_MODELS, close_up, outline_photograph
+from .pose_table import POSITIONS, define, say_assumed, show_figures, show_position
 
 HEIGHT = 320  # of the pictures of the overlay
 VIEWS = 8  # below the figure
 AZIMUTHS = 180  # at which similarity is computed
 SAMPLES = 4  # of a pixel along a side there: with fewer, even the derivative of covered areas is off
-STEP = 0.1  # degrees to either side, of central differences: similarity is jagged below a degree
 _CLOSE = 0.6  # share of the close-up's side for the longer side of the box
 _FIGURES = (
     *("model", "azimuth", "elevation", "theta", "distance", "similarity"),
@@ -50,7 +46,7 @@ def pose_page(
     estimate: PoseEstimate,
     meshes: Mapping[str, Mesh],
     method: SearchMethod,
-    camera: PhotographCamera | None = None,
+    lens: Lens,
 ) -> str:
     """The page as HTML.
 
@@ -60,7 +56,7 @@ def pose_page(
         estimate: for that.
         meshes: the candidates by name.
         method: of the search.
-        camera: the one that took the photograph, if known.
+        lens: what is known about the camera that took the photograph.
     """
     known, mesh = (estimate.camera.focal, estimate.principal_point), meshes[estimate.model]
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, CROP_SIDE, CROP_FILL, *known))
@@ -72,7 +68,10 @@ def pose_page(
         "descriptor": _named(matched.patches.spec if estimate.similarity_kind == "patches" else spec),
         "visual elements by": _named(spec),
         "candidates": ", ".join(meshes),
+        "focal_length": f"{estimate.camera.focal:.1f} pixels",
+        "focal_length_from": lens.source,
     }
+    camera = lens.camera
     if camera is not None and not camera.is_ideal:
         lengths = f"focal lengths {camera.fx:g} and {camera.fy:g}, principal point {camera.cx:g}, {camera.cy:g}"
         coefficients = ", ".join(f"{coefficient:g}" for coefficient in camera.distortion)
@@ -81,7 +80,8 @@ def pose_page(
     sections = [
         html.Section(
             "Overlay",
-            "The outline of the model at the estimated pose, and its rendering."
+            "The box in blue, the outline of the model at the estimated pose in red, and its rendering."
+            + (SEVERAL_MODELS if len(meshes) > 1 and method == "best" else "")
             + ("" if estimate.second is None else " The last picture has the second answer, which may be right, too."),
             [*overlay(photograph, estimate, mesh), *_second_answer(photograph, estimate, meshes)],
         ),
@@ -99,15 +99,16 @@ def pose_page(
             table=[{"setting": key, "value": value} for key, value in settings.items()],
         ),
     ]
-    row = {"image": name, **show_figures(figures, _FIGURES)}
-    mind = warning(estimate)
+    table = html.without_empty_columns([{"image": name, **show_figures(figures, _FIGURES)}])
+    doubt, assumed = warning(estimate), say_assumed([figures])
     return html.page(
         f"Pose of {name}",
-        LEAD if mind is None else f"{LEAD} Note: {mind}.",
-        [row],
+        " ".join(filter(None, (LEAD, doubt and f"Note: {doubt}.", assumed))),
+        table,
         sections,
-        define([*row], [figures]),
+        define([*table[0], *settings], [figures]),
         html.footer("poses.json beside this page"),
+        back=("index.html", "All poses"),
     )
 
 
@@ -149,29 +150,20 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     """The paper's figure: similarities and their derivatives by azimuth, all else as estimated."""
     start = estimate.crop_pose.clone()
     start[0] = 0
-    poses, template = azimuth_sweep(start, AZIMUTHS), matched.template(estimate.similarity_kind)
-
-    def similarity(derivative: EdgeMethod, samples: int) -> Similarity:
-        return prepared_model(mesh).similarity(template, derivative, samples, camera=matched.crop.camera)
-
-    fine = similarity("edges", SAMPLES)
-    values, slopes = fine.derivatives(poses)
-    step = poses.new_tensor([STEP, 0, 0, 0, 0, 0])
-    differences = as_array((fine.values(poses + step) - fine.values(poses - step)) / (2 * STEP))
-    derivatives, opendr = as_array(slopes[:, 0]), as_array(similarity("opendr", 1).derivatives(poses)[1][:, 0])
-    cosine = _cosine(derivatives, differences)
+    similarity = prepared_model(mesh).similarity(
+        matched.template(estimate.similarity_kind), supersampling=SAMPLES, camera=matched.crop.camera
+    )
+    values, derivatives = similarity.derivatives(azimuth_sweep(start, AZIMUTHS))
     traces = [trace for trace in estimate.traces if trace.model == estimate.model]
     drawing = draw_by_azimuth(
         as_array(values),
-        derivatives,
-        differences,
+        as_array(derivatives[:, 0]),
         kind=estimate.similarity_kind,
-        remark=f"gray: central differences over ±{STEP:g}°; cosine {cosine:.2f}",
         azimuth=estimate.azimuth,
         traces=[(trace.azimuths, trace.similarities) for trace in traces],
         views=list(render(mesh, azimuth_sweep(start, VIEWS), matched.crop.camera)),
     )
-    here = float(fine.values(estimate.crop_pose[None]))
+    here = float(similarity.values(estimate.crop_pose[None]))
     cells = (
         f" The search ends with smaller cells, by which the similarity is {html.figure(estimate.similarity)} as above; "
         f"the curve is by the larger ones with which it begins, by which it is {html.figure(here)} at the same pose."
@@ -182,18 +174,11 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     )
     return html.Section(
         "Similarity by azimuth",
-        f"Only the azimuth changes. Below: renderings at the azimuths above them. Pixels have {SAMPLES}x{SAMPLES} "
-        f"samples, and the derivative is that of the area that edges cover: its cosine with central differences of the "
-        f"curve over ±{STEP:g}° is {cosine:.2f}. That of OpenDR's derivative with one sample a pixel is "
-        f"{_cosine(opendr, differences):.2f}."
+        "Only the azimuth changes. Below: renderings at the azimuths above them."
         + ("" if estimate.confidence is None else cells)  # only the best search of the calibrated kind has one
         + (paths if traces else ""),
         drawings=[drawing],
     )
-
-
-def _cosine(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    return float(one @ other) / max(float(np.linalg.norm(one) * np.linalg.norm(other)), 1e-30)
 
 
 def _glyphs(matched: PreparedPhotograph, estimate: PoseEstimate, mesh: Mesh) -> list[Panel]:

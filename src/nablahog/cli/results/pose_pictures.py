@@ -1,4 +1,4 @@
-"""The photograph and the object with the outline of its model; joined, as they are stored, or apart, as on pages."""
+"""The photograph and the object with the outline of its model."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ from ...io.images import Picture, as_array
 from ...pose import PoseEstimate
 from ...pose.crop import CROP_FILL, ObjectCrop, crop_object
 from ...render import Camera, Mesh, silhouette
-from ...viz.pictures import outlined
+from ...viz.pictures import BLUE, outlined
 from ...viz.similarity_plot import draw_boxes
 
 SIDE = 240  # pixels of the close-up, and of the height of the photograph beside it
 WIDEST = 4  # width of the picture of a photograph, at most, as a multiple of its greatest height
+SEVERAL_MODELS = (
+    " The pose is the mean of those of the best eight models, and the outline that of the best model at this pose."
+)
+"""Of a search among several models, below pictures."""
 _FILL = 0.8  # share of the close-up's side for the longer side of the box
 
 
@@ -37,20 +41,15 @@ def joined_shape(size: Sequence[int]) -> tuple[int, int, int]:
     return 3, SIDE, SIDE + picture_size(size, SIDE)[1]
 
 
-def split_pictures(joined: NDArray[np.float64], size: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The photograph, of a size (height, width), and the close-up of :func:`join_pictures`."""
-    return joined[:, : picture_size(size, SIDE)[0], SIDE:], joined[:, :, :SIDE]
-
-
 def outline_photograph(photograph: Tensor, estimate: PoseEstimate, mesh: Mesh, height: int) -> NDArray[np.float64]:
-    """The photograph with the object's box and the model's outline, (3, H, W), at most ``height`` pixels high."""
+    """The photograph with the object's box, blue, and the model's outline, red, (3, H, W), at most ``height`` high."""
     size = picture_size(photograph.shape[1:], height)
     whole = interpolate(photograph[None], size, mode="bilinear", antialias=True)[0]
     whole = whole / 255 if not whole.is_floating_point() else whole
     drawn, pose, camera = estimate.render_arguments(mesh)
     zoom = max(size) / max(photograph.shape[1:])
     outline = _draw_outline(whole, drawn, scale_pose(pose[0], zoom), Camera(camera.focal * zoom, *size))
-    return draw_boxes(outline, [[side * zoom for side in estimate.box]])
+    return draw_boxes(outline, [[side * zoom for side in estimate.box]], BLUE)
 
 
 def picture_size(size: Sequence[int], height: int) -> tuple[int, int]:

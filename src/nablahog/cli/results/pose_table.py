@@ -13,7 +13,11 @@ _HEADINGS = {  # of columns, where they say the unit
     **{angle: f"{angle},\n°" for angle in ("azimuth", "elevation", "theta")},
     "distance": "distance,\ndiagonals",
 }
+# columns of poses.csv for figures of several numbers
 MATRIX = [f"m{row}{col}" for row in range(3) for col in range(4)]
+POSITION = [f"position_{axis}{suffix}" for suffix in ("", "_std") for axis in "xyz"]
+PRINCIPAL_POINT = ["principal_point_x", "principal_point_y"]
+SECOND = ["second_model", "second_azimuth", "second_elevation", "second_theta", "second_confidence"]
 POSITIONS = (
     "The middle of each model's bounding box along the camera's axes: x right, y down, z forward; of objects whose "
     "camera is known. If the model's file is in millimetres, so are these."
@@ -30,13 +34,14 @@ DEFINITIONS = {
     "error": "Why an object has no pose.",
     "model": "The model that fits best, of all candidates. Without --mesh they are those of nablahog.sample_chairs().",
     "azimuth": "Of the camera around the object's vertical axis, in degrees: 0 sees the front, 90 the object's left "
-    "side.",
+    "side. After “or”: further azimuths from which the model looks the same; any: it does from all around.",
     "any_azimuth": "Whether the model looks the same from all around, so that its azimuth says nothing.",
-    "equivalent_azimuths": "Further azimuths, in degrees, from which the model looks the same.",
+    "equivalent_azimuths": "Further azimuths, in degrees, from which the model looks the same; in poses.csv "
+    "with blanks between them.",
     "elevation": "Of the camera above the object's horizon, in degrees.",
     "theta": "Counter-clockwise rotation of the picture, in degrees.",
-    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It "
-    "depends on the focal length, which is hard to tell from one photograph.",
+    "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It is the true one "
+    "only if the focal length is known: it is hard to tell from one photograph.",
     "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "standard_deviations": "What follows ±: of 100 poses that are right (the confidence says how likely that is), 68 "
@@ -47,20 +52,22 @@ DEFINITIONS = {
     "azimuth_std, elevation_std, theta_std, distance_std, distance_in_file_units_std, x_std, y_std": "The same as "
     "columns of poses.csv.",
     "position, position_std": "Of the middle of the model's bounding box along the camera's axes (x right, y down, z "
-    "forward), in the units of the model's file, and its standard deviations.",
-    ", ".join(f"position_{axis}{suffix}" for suffix in ("", "_std") for axis in "xyz"): "The same as columns.",
+    "forward), in the units of the model's file, and its standard deviations. If the focal length is assumed, the "
+    "camera looks straight at the object: x and y are 0, z is the assumed distance.",
+    ", ".join(POSITION): "The same as columns.",
     "focal_length": "Of the camera of the pose, in pixels of the photograph.",
     "focal_length_from": "given: by an option; exif: by the photograph's file; assumed: an object that fills its "
     "box is taken to be 3 of its diagonals away, so distances are not the true ones.",
-    "principal_point": "x, y where the camera's optical axis meets the photograph, in pixels; null if the focal length "
-    "is assumed.",
+    "principal_point": "x, y where the camera's optical axis meets the photograph, in pixels, as in intrinsics. If the "
+    "focal length is assumed, that of a camera that looks straight at the object.",
+    ", ".join(PRINCIPAL_POINT): "The same as columns.",
     "photograph_camera": "The camera that took the photograph, with its distortion, as the options say it; null if it "
     "distorts nothing and its pixels are square. Otherwise poses are for the ideal camera in its place: x, y, "
     "focal_length, principal_point and intrinsics belong to the undistorted photograph, image_size pixels high and "
     "wide; box and bbox to the photograph as it is; matrix to both.",
     "matrix, intrinsics": "A point X of the model's file, (x, y, z, 1), is seen at intrinsics (3x3) times the upper "
-    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. If the focal length "
-    "is assumed, the principal point is that of a camera that looks straight at the object.",
+    "three rows of matrix (4x4) times X, divided by the last coordinate: OpenCV's convention. In intrinsics are "
+    "focal_length, twice, and principal_point.",
     "camera_matrix, dist_coeffs, image_size": "Of photograph_camera: 3x3, OpenCV's k1, k2, p1, p2, k3, and height and "
     "width in pixels.",
     f"{', '.join(MATRIX)}": "The upper three rows of matrix, row by row, as columns of poses.csv.",
@@ -72,14 +79,15 @@ DEFINITIONS = {
     "the photograph's visual elements of the dot products of the ∇HOG descriptors of their patches with those of the "
     "rendering, as in the paper.",
     "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
-    "looks the same, as measured on rendered scenes and photographs. Where the photograph does not show the object, no "
-    "pose is right, however high it is.",
+    "looks the same, as measured on rendered scenes and photographs. Rarely it is high for a photograph without the "
+    "object, too, in which no pose is right.",
     "warning": "A sentence if the pose is more likely wrong than right, or if the camera's numbers seem to be for "
-    "photographs of another size; else null.",
+    "another photograph; else null.",
     "refused": "Whether the confidence is below the one asked for with --least-confidence.",
     "half_turn": "The probability that the object is seen from the opposite side: front and back may look alike.",
     "second": "The second answer: azimuth and elevation of the runner-up that is most probably right, with its "
     "confidence, if this is above 0.15.",
+    ", ".join(SECOND): "The same as columns.",
     "runners_up": "The best poses from other sides; confidence: the probability that it is the right one.",
     "share": "Of a runner-up: its part of the best pose's similarity, or of the votes for its side.",
     "renderings": "The number of renderings that the search compared, of all candidates.",
@@ -99,6 +107,13 @@ def show_position(figures: Mapping[str, Any]) -> dict[str, object]:
     }
 
 
+def say_assumed(poses: Sequence[Mapping[str, Any]]) -> str:
+    """A sentence if distances rest on an assumed focal length; else empty."""
+    count = sum(figures.get("focal_length_from") == "assumed" for figures in poses)
+    which = f" for {count} of {len(poses)} objects" if count < len(poses) else ""
+    return f"Focal length assumed{which}, so the distance is not the true one." if count else ""
+
+
 def define(names: Sequence[str], figures: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """The definitions of the columns of a table of poses, and of standard deviations if there are any."""
     deviations = ["standard_deviations"] if any(pose.get("standard_deviations") for pose in figures) else []
@@ -110,7 +125,10 @@ def show_figures(figures: Mapping[str, Any], names: Sequence[str]) -> dict[str, 
     """Some figures of a pose for a table, with ± and the standard deviation where there is one."""
     shown = {name: _with_deviation(figures.get(name), get_deviation(figures, name)) for name in names}
     if figures.get("any_azimuth"):
-        shown["azimuth"] = "any"
+        shown["azimuth"] = html.Shown(figures["azimuth"], "any")
+    elif equivalent := figures.get("equivalent_azimuths"):
+        text = " or ".join(map(html.figure, (shown["azimuth"], *equivalent)))
+        shown["azimuth"] = html.Shown(figures["azimuth"], text)
     if "second" in shown:
         shown["second"] = _say_second(figures.get("second"))
     half_turn = figures.get("half_turn")
