@@ -99,9 +99,23 @@ def others() -> dict[Path, str]:
     return {
         **within(docs / "getting_started.md", presets=preset_tables.choices()),
         **within(docs / "which_hog.md", counts=preset_tables.counts(), conventions=preset_tables.conventions()),
+        **within(docs / "poses.md", figures=pose_figures()),
         **within(docs / "api" / "describe.rst", presets=summaries(presets.__all__), parts=summaries(ours)),
         ROOT / "tests" / "public_surface.json": json.dumps(surface(), indent=1, ensure_ascii=False) + "\n",
     }
+
+
+def pose_figures() -> str:
+    """A table of the figures of poses; columns of poses.csv are bold."""
+    from docs.preset_tables import table
+    from nablahog.cli.results.pose_files import COLUMNS
+    from nablahog.cli.results.pose_table import DEFINITIONS
+
+    def write(name: str) -> str:
+        return f"**`{name}`**" if name in COLUMNS else f"`{name}`"
+
+    rows = ((", ".join(map(write, names.split(", "))), text) for names, text in DEFINITIONS.items())
+    return table(("figure", "meaning"), *rows)
 
 
 def summaries(names: list[str]) -> str:

@@ -41,11 +41,13 @@ export function poseTables(result) {
   /** @param {string} name @param {number} digits */
   const measured = (name, digits) =>
     figure(result[name], digits) + (deviations[name] == null ? "" : ` ± ${figure(deviations[name], digits)}`);
+  const azimuths = [measured("azimuth", 1), ...result.equivalent_azimuths.map((/** @type {number} */ each) => figure(each, 1))];
   const focal = from === "assumed" ? "assumed" : `${figure(result.focal_length, 1)} pixels`;
   const position = result.position.map((/** @type {number} */ value) => figure(value, 3)).join(", ");
   /** @type {HTMLElement[]} */
   const nodes = [table("The pose in the photograph", ["Figure", "Value"], [
-    ...NAMES.map((name) => [name, measured(name, name === "distance" ? 3 : 1)]),
+    ["azimuth", result.any_azimuth ? "any" : azimuths.join(" or ")],
+    ...NAMES.slice(1).map((name) => [name, measured(name, name === "distance" ? 3 : 1)]),
     ...from === "assumed" ? [] : [[FILE_UNITS, position]], ["focal length", focal],
     ["similarity", figure(result.similarity, 4)], ...confidence === null ? [] : [["confidence", figure(confidence, 2)]]], [1], ABOUT)];
   const same = result.any_azimuth ? "The mesh looks the same from all sides: no photograph tells its azimuth. " : "";
@@ -53,7 +55,7 @@ export function poseTables(result) {
     ? "This method does not say how sure it is; “best” does."
     : `Confidence ${figure(confidence, 2)}: of earlier poses with this confidence, about ${Math.min(99, Math.round(100 * confidence))} % were right, `
       + "the whole rotation within 15° of the true one, or of one from which the mesh looks the same; "
-      + "where the photograph does not show the object, none is, however high the confidence. "
+      + "rarely, it is high although the photograph does not show the object; then no pose is right. "
       + `That it is seen from the opposite side: ${figure(halfTurn, 2)}. `
       + "If the pose is right, the true value is within ± (one standard deviation) in 68 of 100."}`));
   if (others.length) {

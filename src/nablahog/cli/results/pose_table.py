@@ -41,7 +41,7 @@ DEFINITIONS = {
     "elevation": "Of the camera above the object's horizon, in degrees.",
     "theta": "Counter-clockwise rotation of the picture, in degrees.",
     "distance": "From the camera to the middle of the object, in diagonals of its bounding box. It is the true one "
-    "only if the focal length is known: it is hard to tell from one photograph.",
+    "only if the focal length is known, which is hard to tell from one photograph.",
     "distance_in_file_units": "The same in the units of the model's file.",
     "x, y": "Pixels to the right and down from the middle of the photograph to the middle of the object.",
     "standard_deviations": "What follows ±: of 100 poses that are right (the confidence says how likely that is), 68 "
@@ -79,8 +79,8 @@ DEFINITIONS = {
     "the photograph's visual elements of the dot products of the ∇HOG descriptors of their patches with those of the "
     "rendering, as in the paper.",
     "confidence": "The probability that the rotation is within 15° of the true one, or of one from which the model "
-    "looks the same, as measured on rendered scenes and photographs. Rarely it is high for a photograph without the "
-    "object, too, in which no pose is right.",
+    "looks the same, as measured on rendered scenes and photographs. Rarely, it is high although the photograph does "
+    "not show the object; then no pose is right.",
     "warning": "A sentence if the pose is more likely wrong than right, or if the camera's numbers seem to be for "
     "another photograph; else null.",
     "refused": "Whether the confidence is below the one asked for with --least-confidence.",
