@@ -103,7 +103,9 @@ def test_the_best_of_several_models(
     index = (out / "index.html").read_text()
     assert '<a href="index.html">' in page
     assert '<a href="object_1.html">chair.png</a>' in index
-    for text in ("the mean of those of the best eight models", "Focal length assumed"):
+    assert "<dt>id, image_id, category_id</dt>" in index
+    assert "<dt>second</dt>" not in index  # a column without any value
+    for text in ("the mean of those of the best models, eight at most", "Focal length assumed"):
         assert text in page
         assert text in index
     (shown_picture,) = re.findall('data:image/png;base64,([^"]+)', index)

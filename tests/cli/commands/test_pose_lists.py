@@ -194,6 +194,7 @@ def test_other_azimuths_that_look_the_same_are_shown(
     posed = PosedObject(AnnotatedObject(1, "a.png"), figures)
     assert figure(rows([posed])[0]["azimuth,\n°"]) == shown
     (row,) = csv.DictReader(as_csv([posed]).splitlines())
+    assert {name for name, value in figures.items() if isinstance(value, str | float | bool)} <= {*row}
     assert (row["any_azimuth"], [*map(float, row["equivalent_azimuths"].split())]) == (str(shown == "any"), [*others])
     assert (row["second_azimuth"], row["second_confidence"]) == ("1.6", "0.31")
 

@@ -19,7 +19,7 @@ from ...viz.similarity_plot import draw_boxes
 SIDE = 240  # pixels of the close-up, and of the height of the photograph beside it
 WIDEST = 4  # width of the picture of a photograph, at most, as a multiple of its greatest height
 SEVERAL_MODELS = (
-    " The pose is the mean of those of the best eight models, and the outline that of the best model at this pose."
+    " The pose is the mean of those of the best models, eight at most, and the outline that of the best one there."
 )
 """Of a search among several models, below pictures."""
 _FILL = 0.8  # share of the close-up's side for the longer side of the box
