@@ -325,6 +325,7 @@ def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], run:
     assert [(image["height"], image["width"]) for image in whole["images"]] == [(150, 180)]
     page = (tmp_path / "out" / "object_1.html").read_text(encoding="utf-8")
     assert "undistorted, as the box is" in page
+    assert "<td>given</td>" in page
     assert page.count(f"{poses[0]['similarity']:.3g}") >= 2  # in the table, and where the figure's differs
 
 

@@ -15,7 +15,7 @@ from ...pose.lens import Lens
 from ...pose.model import azimuth_sweep, prepared_model
 from ...pose.options import SearchMethod
 from ...pose.photograph import ELEMENT, PreparedPhotograph
-from ...pose.result import pose_figures, warning
+from ...pose.result import pose_figures
 from ...pose.similarity import describe
 from ...render import Mesh, render
 from ...viz import html
@@ -60,7 +60,7 @@ def pose_page(
     """
     known, mesh = (estimate.camera.focal, estimate.principal_point), meshes[estimate.model]
     matched = PreparedPhotograph(crop_object(photograph, estimate.box, CROP_SIDE, CROP_FILL, *known))
-    spec = matched.background.spec
+    spec, figures = matched.background.spec, pose_figures(lens.report(estimate))
     settings = {
         "method": method,
         "similarity": estimate.similarity_kind,
@@ -68,15 +68,14 @@ def pose_page(
         "descriptor": _named(matched.patches.spec if estimate.similarity_kind == "patches" else spec),
         "visual elements by": _named(spec),
         "candidates": ", ".join(meshes),
-        "focal_length": f"{estimate.camera.focal:.1f} pixels",
-        "focal_length_from": lens.source,
+        "focal_length": f"{figures['focal_length']:.1f} pixels",
+        "focal_length_from": figures["focal_length_from"],
     }
     camera = lens.camera
     if camera is not None and not camera.is_ideal:
         lengths = f"focal lengths {camera.fx:g} and {camera.fy:g}, principal point {camera.cx:g}, {camera.cy:g}"
         coefficients = ", ".join(f"{coefficient:g}" for coefficient in camera.distortion)
         settings["undistorted, as the box is, from the camera"] = f"{lengths}, k1, k2, p1, p2, k3 {coefficients}"
-    figures = pose_figures(estimate)
     sections = [
         html.Section(
             "Overlay",
@@ -100,7 +99,7 @@ def pose_page(
         ),
     ]
     table = html.without_empty_columns([{"image": name, **show_figures(figures, _FIGURES)}])
-    doubt, assumed = warning(estimate), say_assumed([figures])
+    doubt, assumed = figures["warning"], say_assumed([figures])
     return html.page(
         f"Pose of {name}",
         " ".join(filter(None, (LEAD, doubt and f"Note: {doubt}.", assumed))),
