@@ -41,8 +41,7 @@ from nablahog.paper.annotations import Example, sample_viewpoints
 from nablahog.paper.examples import CONDITIONS, PLAIN
 from nablahog.pose import confidence
 from nablahog.pose.confidence import KNOWN_MODEL, Evidence, Weights, probabilities
-from nablahog.pose.model import azimuth_distance
-from nablahog.pose.result import OPPOSITE
+from nablahog.pose.result import see_opposite_sides
 from nablahog.render.models import check_models, read_models
 from nablahog.requests.pose import LEAST_CONFIDENCE
 from poses import WITHIN
@@ -101,19 +100,20 @@ def scenes(options: argparse.Namespace) -> Iterator[tuple[str, Example, dict[str
 def record(result: PoseEstimate, example: Example | None) -> Record:
     """What is known of a pose, and which of it and its runners-up is right."""
 
+    truth = None if example is None else (example.azimuth, example.elevation, example.theta)
+
     def right(pose: PoseEstimate) -> bool:
-        if example is None:
+        if truth is None:
             return False
         azimuths = (pose.azimuth, *pose.equivalent_azimuths)
         views = [(azimuth, pose.elevation, pose.theta) for azimuth in azimuths]
-        return bool(rotation_error(views, (example.azimuth, example.elevation, example.theta)).min() <= WITHIN)
+        return bool(rotation_error(views, truth).min() <= WITHIN)
 
     assert result.evidence is not None
     poses = (result, *result.runners_up)
-    opposite = [azimuth_distance(result.azimuth, rival.azimuth) >= OPPOSITE for rival in result.runners_up]
-    off = None if example is None else azimuth_distance(result.azimuth, example.azimuth)
-    found = {"right": [right(pose) for pose in poses], "opposite": opposite, "off": off}
-    return {**found, "absent": example is None, "evidence": asdict(result.evidence)}
+    opposite = truth is not None and see_opposite_sides((result.azimuth, result.elevation, result.theta), truth)
+    found = {"right": [right(pose) for pose in poses], "opposite": opposite, "absent": example is None}
+    return {**found, "evidence": asdict(result.evidence)}
 
 
 def collect(options: argparse.Namespace) -> None:
@@ -241,7 +241,7 @@ def judge(options: argparse.Namespace) -> None:
 def turned(records: list[Record], sure: Floats, right: Floats) -> None:
     """Half turns among the wrong poses, and how probable they are said to be."""
     wrong = [found for found, is_right in zip(records, right, strict=True) if not (is_right or found["absent"])]
-    half = [found for found in wrong if found["off"] >= OPPOSITE]
+    half = [found for found in wrong if found["opposite"]]
     rivals = [
         pair
         for found in records

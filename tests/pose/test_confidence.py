@@ -19,7 +19,7 @@ from nablahog.pose.crop import crop_object
 from nablahog.pose.evidence import compare_turned, probability_in_range
 from nablahog.pose.model import azimuth_distance, prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE
+from nablahog.pose.result import OPPOSITE, SECOND_CONFIDENCE, see_opposite_sides
 
 from .common import SWIVEL, model, photographed
 
@@ -123,9 +123,9 @@ def estimate() -> PoseEstimate:
 
 
 def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it(estimate: PoseEstimate) -> None:
-    sides = [azimuth_distance(estimate.azimuth, rival.azimuth) for rival in estimate.runners_up]
+    own, *views = [(each.azimuth, each.elevation, each.theta) for each in (estimate, *estimate.runners_up)]
     confidences = [rival.confidence for rival in estimate.runners_up]
-    expected = sum(sure or 0 for side, sure in zip(sides, confidences, strict=True) if side >= OPPOSITE)
+    expected = sum(sure or 0 for view, sure in zip(views, confidences, strict=True) if see_opposite_sides(own, view))
     assert estimate.half_turn == pytest.approx(expected)
     assert estimate.evidence is not None
     assert estimate.evidence.shares == tuple(rival.share for rival in estimate.runners_up)
@@ -136,6 +136,14 @@ def test_the_half_turn_is_weighed_even_if_no_search_has_come_to_it(estimate: Pos
     assert clear.half_turn
 
 
+def test_opposite_sides_are_a_half_turn_around_the_object_apart() -> None:
+    assert see_opposite_sides((300, 20, 3), (119, 25, 0))
+    assert see_opposite_sides((300, 0, 0), (120 + OPPOSITE - 0.1, 0, 0))
+    assert not see_opposite_sides((300, 0, 0), (120 + OPPOSITE + 0.1, 0, 0))
+    assert not see_opposite_sides((300, 20, 3), (300, 20, 3))
+    assert not see_opposite_sides((309, 3, 2), (135, 90, 45))  # from above
+
+
 def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit(estimate: PoseEstimate) -> None:
     first, *_ = estimate.runners_up
     few, more, most = (replace(first, confidence=SECOND_CONFIDENCE + off) for off in (-0.01, 0.01, 0.05))
@@ -144,7 +152,9 @@ def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit(estimate: Po
     unsure = replace(estimate, confidence=None, runners_up=(replace(first, confidence=None),))
     assert (unsure.second, unsure.half_turn) == (None, None)
     assert first.half_turn is None
-    opposite = replace(first, azimuth=estimate.azimuth + 180)
+    opposite = replace(
+        first, azimuth=estimate.azimuth + 180, elevation=estimate.elevation, theta=estimate.theta - OPPOSITE / 2
+    )
     rivals = tuple(replace(opposite, confidence=confidence) for confidence in (0.0, 0.25, 0.125))
     assert replace(estimate, runners_up=rivals).half_turn == 0.375
 

@@ -17,6 +17,7 @@ from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.background import default_background
 from nablahog.render import Camera, silhouette
 
+from ..render.shapes import box as cuboid
 from .common import SWIVEL, WOODEN, box_around, degrees_between, model, overlap, photographed
 
 Scene = tuple[Tensor, Box]
@@ -160,6 +161,15 @@ def test_the_smallest_photograph_and_box() -> None:
         assert torch.isfinite(estimate_pose(image, model(), box=box).pose).all()
 
 
+def test_a_box_that_is_found_around_a_thin_object_can_be_given_again() -> None:
+    rod = cuboid((1.0, 0.012, 0.012), 0.2).normalized()
+    image, _ = photographed(rod, 20, 10)
+    distortion = (0.2, 0, 0, 0)
+    estimate = estimate_pose(image, rod, initial=(20, 10), within=30, focal=300, distortion=distortion)
+    assert min(estimate.box.width, estimate.box.height) >= 8
+    estimate_pose(image, rod, box=estimate.box, initial=(20, 10), within=30, focal=300, distortion=distortion)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -169,6 +179,12 @@ def test_the_smallest_photograph_and_box() -> None:
         ({"initial": (0, 91)}, "elevation of initial must be a finite number in -90 … 90"),
         ({"box": (200, 0, 300, 150)}, "the image of 150x180 pixels"),
         ({"box": (0, 0, 7, 90)}, "the box must .* sides of at least 8 pixels"),
+        ({"box": (0, 0, 1801, 90)}, "at most 10 times as large as the image of 150x180 pixels"),
+        (
+            {"models": {"chair": replace(model(), vertices=3 * model().vertices)}},
+            "'chair' must .* of 1 .* got one of 3",
+        ),
+        ({"models": replace(model(), vertices=model().vertices + 0.3)}, r"0.52 off: write mesh\.normalized\(\)"),
         ({"photograph": torch.rand(1, 7, 40)}, "the photograph must have at least 8x8 pixels, got 7x40"),
         ({"photograph": torch.zeros(150, 180)}, r"must be a tensor \(1 or 3, H, W\) .*: write photograph\[None\]$"),
         ({"photograph": torch.zeros(150, 180, 3)}, r"write photograph\.permute\(2, 0, 1\)$"),

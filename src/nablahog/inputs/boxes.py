@@ -43,6 +43,11 @@ class Box(NamedTuple):
         """The intersection; its width or height is 0 or less if it is empty."""
         return Box(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
 
+    def widen(self, least: float) -> Box:
+        """The box around the same middle with sides of at least ``least``."""
+        across, down = (max(0.0, least - side) / 2 for side in (self.width, self.height))
+        return Box(self.x0 - across, self.y0 - down, self.x1 + across, self.y1 + down)
+
     def iou(self, other: Box) -> float:
         """Area of the intersection over area of the union, in 0…1; 0 if both are empty."""
         common = self.intersect(other)

@@ -118,14 +118,13 @@ class BestSearch(SearchSteps):
         agreement: float,
     ) -> PoseEstimate:
         """The estimate of the best pose, with its runners-up and its confidence."""
-        elevation = min(self.problem.elevations, key=lambda elevation: abs(elevation - float(best.pose[1])))
-        same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, elevation)
+        same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, float(best.pose[1]))
         known = self.calibrated and len(self.problem.models) == 1
         if known:
             turned = best.pose[[0, 1, 3]] + torch.tensor([180.0, 0, 0])
             if self.problem.allows(float(turned[0])):
                 other_side = self.move_to_viewpoint(best, turned)
-                shares = {**shares, other_side: other_side.similarity / max(best.similarity, 1e-9)}
+                shares = {**shares, other_side: other_side.score / max(best.score, 1e-9)}
         runners_up = select_runners_up(shares, best, same_view)
         evidence = None
         if self.calibrated:

@@ -22,6 +22,7 @@ from .crop_view import CropView, resample
 CROP_SIDE = 128  # pixels of the square
 CROP_FILL = 112.0  # pixels of the box's longer side in it
 SMALLEST_SIDE = 8  # of a photograph, and of a box that is given, pixels
+LARGEST_BOX = 10  # times as large as the photograph; of less the photograph would be a pixel or two of the crop
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest
@@ -101,7 +102,8 @@ def check_box(sides: Sequence[float], height: int, width: int, least: int = SMAL
     """The box x0, y0, x1, y1.
 
     Raises:
-        ValueError: it is not finite, has fewer than ``least`` pixels a side, or lies outside an image of this size.
+        ValueError: it is not finite, has fewer than ``least`` pixels a side, lies outside an image of this size, or is
+            more than :data:`LARGEST_BOX` times as large.
     """
     box = as_box("the box", sides)
     if not (box.width >= least and box.height >= least):
@@ -120,6 +122,11 @@ def check_box(sides: Sequence[float], height: int, width: int, least: int = SMAL
         )
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
         raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")
+    if max(box.width, box.height) > LARGEST_BOX * max(height, width):
+        raise ValueError(
+            f"a box must be at most {LARGEST_BOX} times as large as the image of {height}x{width} pixels "
+            f"(height x width), got {tuple(box)}"
+        )
     return box
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..inputs.boxes import Box
-from .crop import CROP_FILL, CROP_SIDE
+from .crop import CROP_FILL, CROP_SIDE, SMALLEST_SIDE
 from .crop_view import gray_means, reduction_factor
 from .model import (
     VIEW_COUNT,
@@ -53,8 +53,9 @@ def find_boxes(
 ) -> list[Box]:
     """Boxes around the views most similar to an image (C, H, W), the best first, none overlapping a better one.
 
-    At most :data:`PLACES`, or :data:`PLACES_OF_SEVERAL` for several models, in pixels.  ``initial`` and ``within``
-    are as in :class:`.problem.PoseProblem`, ``own`` is the background of the coarse descriptor; None for the default.
+    At most :data:`PLACES`, or :data:`PLACES_OF_SEVERAL` for several models, in pixels, and large enough to be given to
+    a search.  ``initial`` and ``within`` are as in :class:`.problem.PoseProblem`, ``own`` is the background of the
+    coarse descriptor; None for the default.
     """
     count = PLACES if len(models) == 1 else PLACES_OF_SEVERAL
     models = models[:: math.ceil(len(models) / DETECTORS)]
@@ -95,7 +96,8 @@ def find_boxes(
             placed = tilt_views(fit_to_box(poses[own_peaks], model.hull, model.camera, CROP_FILL), best[own_peaks, 5])
             boxes[own_peaks] = bounding_boxes(placed, model.hull, model.camera)
     boxes = boxes / (shrink * best[:, 4])[:, None] + best[:, [2, 3, 2, 3]]
-    return [Box(*sides) for sides in boxes[suppress_overlaps(boxes, count, _OVERLAP)].tolist()]
+    different = suppress_overlaps(boxes, count, _OVERLAP)
+    return [Box(*sides).widen(SMALLEST_SIDE) for sides in boxes[different].tolist()]
 
 
 def _describe_levels(

@@ -42,6 +42,7 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
+_MOST_OFF = 2.0  # the diagonal of a model that may have been changed, relative to a normalised one, or 1 over it
 RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
@@ -125,9 +126,10 @@ def estimate_pose(
     Args:
         photograph: (C, H, W), float32 or float64 in 0…1, or uint8, one channel or R, G, B; or an array (H, W) or
             (H, W, C), or a PIL image.
-        models: normalised meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh, whose name
-            is that of its file; all are tried, the best is returned.  Without models of your own,
-            ``nablahog.sample_chairs()`` has chairs of all common kinds.
+        models: meshes by name, a list of them, whose names are "0", "1" and so on, or one mesh, whose name is that of
+            its file; all are tried, the best is returned.  They are normalised as by :func:`nablahog.load_mesh`, about
+            a unit in size and around the origin.  Without models of your own, ``nablahog.sample_chairs()`` has chairs
+            of all common kinds.
         box: x0, y0, x1, y1 of the object, pixels; by default the object may be anywhere.  ``"best"`` with the
             calibrated similarity searches around it, so it may be rough or cut off.  All others take the box as it is,
             by default the whole photograph.
@@ -174,7 +176,7 @@ def estimate_pose(
 
     Raises:
         TypeError: the photograph is no tensor, array or PIL image, or a model is no mesh.
-        ValueError: the photograph, the box, the models or an option is none of the above.
+        ValueError: the photograph, the box, a model or an option is none of the above.
 
     >>> mesh, camera = nablahog.sample_chairs()["wooden-0"], nablahog.Camera.from_field_of_view(30, 128, 128)
     >>> photograph = nablahog.render(mesh, torch.tensor([[30.0, 20, 2, 0, 0, 0]]), camera)[0]
@@ -187,7 +189,7 @@ def estimate_pose(
     if isinstance(models, list | tuple):
         models = {str(number): mesh for number, mesh in enumerate(models)}
     named = models if isinstance(models, Mapping) else {getattr(models, "name", ""): models}
-    meshes = {name: check_mesh(mesh).detach() for name, mesh in named.items()}
+    meshes = {name: _check_normalized(name, check_mesh(mesh)).detach() for name, mesh in named.items()}
     if not meshes:
         raise ValueError("expected at least one model, got none")
     check_choice("method", method, SearchMethod)
@@ -244,3 +246,16 @@ def estimate_pose(
         watch=watch,
     )
     return lens.report(SEARCHES[method](problem), given_box)
+
+
+def _check_normalized(name: str, mesh: Mesh) -> Mesh:
+    """``mesh``; ValueError if its bounding box is far from a diagonal of 1 around the origin."""
+    low, high = (corner.double() for corner in (mesh.vertices.detach().amin(0), mesh.vertices.detach().amax(0)))
+    diagonal, off = float((high - low).norm()), float(((low + high) / 2).norm())
+    if not (1 / _MOST_OFF <= diagonal <= _MOST_OFF and off <= diagonal / 2):
+        what = f"the model {name!r}" if name else "the model"
+        raise ValueError(
+            f"{what} must have a bounding box with a diagonal of 1 around the origin, got one of {diagonal:.3g}, "
+            f"{off:.3g} off: write mesh.normalized()"
+        )
+    return mesh

@@ -18,6 +18,7 @@ from ..io.camera_mapping import CameraFile, read_camera_mapping
 from ..io.input_file import InputFile
 from ..render import Camera
 from ..render.lens import IdealCamera
+from .crop import SMALLEST_SIDE
 from .options import FocalSource
 from .result import PoseEstimate
 
@@ -83,7 +84,7 @@ class Lens:
             camera=Camera(ideal.focal, ideal.height, ideal.width),
             principal_point=ideal.axis,
             photograph_camera=self.camera,
-            box=ideal.map_box_back(moved) if box is None else box,
+            box=ideal.map_box_back(moved).widen(SMALLEST_SIDE) if box is None else box,
         )
 
 

@@ -22,6 +22,7 @@ from ..render.camera import rotation_matrices
 from ..render.renderer import DEFAULT_LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
+from .background import FINE_CELL, default_background, pose_spec
 from .crop import CROP_FILL, CROP_SIDE, DISTANCE, downsample_camera, typical_camera
 from .similarity import Similarity, Template, coarse_background, describe, deviations, downsample_poses, run_in_batches
 from .whitening import Background, Whitener, cached_whitener
@@ -31,10 +32,11 @@ Doubles = NDArray[np.float64]
 VIEW_COUNT = 48  # azimuths around an object, at which the coarse search looks at models
 _ROUNDS = 3  # of fitting the distance: perspective makes size not quite its inverse; 2 leave a tenth of a pixel
 DETAIL = 1.0  # pixels that vertices may be off in searches: a third of the faces remain, and poses are as exact
+_FEW_FACES = 500  # with fewer, a mesh is as fast, and thin ones such as doors would become flat
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-ALIKE = 0.95
-"""Correlation above which no photograph tells two views apart."""
+_NEARLY_ALIKE, ALIKE = 0.95, 0.99
+"""Correlations from which on views may be the same, with large cells, and are, with small ones."""
 _FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
 _CACHED_VIEWS = 2048  # sets of views, of half a megabyte: those of 256 models
 
@@ -68,15 +70,16 @@ class PreparedModel:
 
         Args:
             method, supersampling: as for :class:`nablahog.Renderer`.
-            detail: pixels that the vertices of the mesh may be off, seen from :data:`.crop.DISTANCE`; with fewer faces
-                it renders faster.
+            detail: pixels that the vertices of a large mesh may be off, seen from :data:`.crop.DISTANCE`; with fewer
+                faces it renders faster.
             shrink: factor.
             camera: of the crop, if it has another focal length than the typical one.
         """
         key = method, supersampling, detail, shrink
         if key not in self._renderers:
             own = downsample_camera(self.camera, shrink)
-            mesh = simplify(self.mesh, detail * DISTANCE / own.focal) if detail > 0 else self.mesh
+            simpler = detail > 0 and len(self.mesh.faces) >= _FEW_FACES
+            mesh = simplify(self.mesh, detail * DISTANCE / own.focal) if simpler else self.mesh
             self._renderers[key] = Renderer(mesh, own, method=method, supersampling=supersampling)
         renderer = self._renderers[key]
         return renderer if camera is None else renderer.with_camera(downsample_camera(camera, shrink))
@@ -101,9 +104,8 @@ def prepared_model(mesh: Mesh) -> PreparedModel:
     return PreparedModel(mesh)
 
 
-def coarse_whitener(own: Background | None = None) -> Whitener:
-    """The whitener of crops in the coarse search, see :func:`.coarse_background`."""
-    background, shrink = coarse_background(own)
+def crop_whitener(background: Background, shrink: int = 1) -> Whitener:
+    """The whitener of descriptors of crops that are made ``shrink`` times smaller."""
     return cached_whitener(background, *background.spec.grid(CROP_SIDE // shrink, CROP_SIDE // shrink))
 
 
@@ -124,23 +126,29 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
 
 @lru_cache(maxsize=_CACHED_VIEWS)
 def _read_views(model: PreparedModel, elevation: float, own: Background | None) -> Tensor:
-    (background, shrink), whitener = coarse_background(own), coarse_whitener(own)
-    spec = background.spec
+    background, shrink = coarse_background(own)
+    spec, whitener = background.spec, crop_whitener(background, shrink)
     facts = (model.digest, spec.to_json(), whitener.digest, shrink, elevation, code_key(), torch.__version__)
     key = hashlib.sha256(repr(facts).encode()).hexdigest()
     shape = VIEW_COUNT, spec.channels, whitener.rows, whitener.cols
-    views = cached_array("views", key, shape, lambda: _describe_views(model, elevation, own, DEFAULT_LIGHT).numpy())
-    return torch.from_numpy(views)
+
+    def describe_all() -> NDArray[np.float32]:
+        azimuths = equidistant_azimuths(VIEW_COUNT)
+        return _describe_views(model, azimuths, elevation, background, shrink, DEFAULT_LIGHT).numpy()
+
+    return torch.from_numpy(cached_array("views", key, shape, describe_all))
 
 
 def _round_elevation(elevation: float) -> float:
     return ELEVATION_STEP * round(elevation / ELEVATION_STEP)
 
 
-def _describe_views(model: PreparedModel, elevation: float, own: Background | None, light: Light) -> Tensor:
-    """Renders and describes the views for :func:`view_descriptors`."""
-    (background, shrink), whitener = coarse_background(own), coarse_whitener(own)
-    poses = fit_to_box(level_poses(equidistant_azimuths(VIEW_COUNT), elevation), model.hull, model.camera, CROP_FILL)
+def _describe_views(
+    model: PreparedModel, azimuths: Tensor, elevation: float, background: Background, shrink: int, light: Light
+) -> Tensor:
+    """Renders and describes views that fill the crop, as :func:`view_descriptors` returns them."""
+    whitener = crop_whitener(background, shrink)
+    poses = fit_to_box(level_poses(azimuths, elevation), model.hull, model.camera, CROP_FILL)
     renderer = model.renderer(detail=DETAIL, shrink=shrink)
     if light is not DEFAULT_LIGHT:
         renderer = Renderer(renderer.mesh, renderer.camera, light=light, supersampling=renderer.supersampling)
@@ -156,12 +164,20 @@ def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) 
     """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself, degrees.
 
     A bottle looks the same from everywhere, a table from behind.  They are multiples of 360 / :data:`VIEW_COUNT` from
-    ``azimuth`` on.
+    ``azimuth`` on.  Other sides are compared with small cells, too, as a drawer tells the front of a table; those next
+    to ``azimuth`` are not, as there the facets of a round object would differ.
     """
     correlations = view_correlations(model, _round_elevation(elevation))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
-    same = (correlations[nearest] >= ALIKE).roll(-nearest)
-    return tuple((azimuth + float(turn)) % 360 for turn in equidistant_azimuths(VIEW_COUNT)[same][1:])
+    alike = (correlations[nearest] >= _NEARLY_ALIKE).roll(-nearest)
+    next_to = alike.cumprod(0) + alike.flip(0).roll(1).cumprod(0).roll(-1).flip(0) > 0
+    azimuths, other_sides = azimuth + equidistant_azimuths(VIEW_COUNT), (alike & ~next_to).nonzero()[:, 0]
+    if len(other_sides):
+        background = default_background(pose_spec(FINE_CELL))
+        compared = azimuths[torch.cat([torch.zeros(1, dtype=torch.long), other_sides])]
+        views = _describe_views(model, compared, elevation, background, 1, _FROM_ABOVE)
+        alike[other_sides] = views[1:].flatten(1) @ crop_whitener(background)(views[:1]).flatten() >= ALIKE
+    return tuple(float(each) % 360 for each in azimuths[alike][1:])
 
 
 def looks_same_all_around(azimuths: Sequence[float]) -> bool:
@@ -172,8 +188,9 @@ def looks_same_all_around(azimuths: Sequence[float]) -> bool:
 @lru_cache(maxsize=512)
 def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
     """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, degrees, lit from above."""
-    views = _describe_views(model, elevation, None, _FROM_ABOVE)
-    return views.flatten(1) @ coarse_whitener()(views).flatten(1).T
+    background, shrink = coarse_background()
+    views = _describe_views(model, equidistant_azimuths(VIEW_COUNT), elevation, background, shrink, _FROM_ABOVE)
+    return views.flatten(1) @ crop_whitener(background, shrink)(views).flatten(1).T
 
 
 def forget_views() -> None:

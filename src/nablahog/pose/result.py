@@ -15,6 +15,7 @@ from ..inputs.arrays import ArrayImage, as_photograph
 from ..inputs.boxes import Box
 from ..inputs.cameras import PhotographCamera, advise_on_size
 from ..io.files import write_text
+from ..metrics import rotation_error
 from ..render import PARAMETERS, Camera, Mesh
 from ..render.conventions import move_before_camera
 from ..render.lens import IdealCamera
@@ -22,7 +23,7 @@ from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
 from .confidence import Evidence
 from .geometry import PoseGeometry
-from .model import azimuth_distance, looks_same_all_around
+from .model import looks_same_all_around
 from .options import FocalSource, SimilarityKind
 
 MIN_SIMILARITY = 5.0
@@ -33,8 +34,8 @@ DOUBT = "this pose is more likely wrong than right"
 """How the warning of a doubtful pose ends."""
 SECOND_CONFIDENCE = 0.15
 """Confidence of a runner-up above which it is shown beside the best pose."""
-OPPOSITE = 150.0
-"""Degrees of azimuth from which on two poses see opposite sides."""
+OPPOSITE = 30.0
+"""Degrees that a rotation may be off a half turn around the object, and still sees its opposite side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,9 +67,9 @@ class PoseEstimate(PoseGeometry):
         evidence: the figures that the confidence rests on; None for a runner-up, and if there is no confidence.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.
-        share: of a runner-up: its similarity divided by the best pose's, in 0…1; where its search ended with large
-            cells, both are similarities of these; among several models, its votes divided by those for the best side.
-            1 for the best pose itself.
+        share: of a runner-up: its similarity, less what few photographs show, divided by the best pose's, in 0…1;
+            where its search ended with large cells, both are similarities of these; among several models, its votes
+            divided by those for the best side.  1 for the best pose itself.
         renderings: the number that were compared with the photograph, cached views included.
         traces: of the searches from all starts; empty for ``"exhaustive"``.
         focal_from: the source of the focal length, ``"given"``, ``"exif"``, or ``"assumed"``; if assumed, the distance
@@ -134,8 +135,12 @@ class PoseEstimate(PoseGeometry):
         """
         if self.confidence is None or self.evidence is None:
             return None
-        around = [rival for rival in self.runners_up if azimuth_distance(rival.azimuth, self.azimuth) >= OPPOSITE]
+        around = (rival for rival in self.runners_up if see_opposite_sides(self._view, rival._view))
         return math.fsum(rival.confidence or 0.0 for rival in around)
+
+    @property
+    def _view(self) -> tuple[float, float, float]:
+        return self.azimuth, self.elevation, self.theta
 
     @property
     def second(self) -> PoseEstimate | None:
@@ -187,6 +192,12 @@ class PoseEstimate(PoseGeometry):
         if self.principal_point is None:
             return mesh, self.pose, self.camera
         return move_before_camera(mesh, self._motion, self.intrinsics, self.camera.height, self.camera.width)
+
+
+def see_opposite_sides(view: Sequence[float], other: Sequence[float]) -> bool:
+    """Whether views (azimuth, elevation, theta), degrees, are a half turn around the object apart: :data:`OPPOSITE`."""
+    azimuth, elevation, theta = view
+    return float(rotation_error((azimuth + 180, elevation, theta), other)) <= OPPOSITE
 
 
 def pose_figures(estimate: PoseEstimate) -> dict[str, Any]:

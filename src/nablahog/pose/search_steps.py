@@ -118,7 +118,7 @@ class SearchSteps:
         pose[[0, 1, 3]] = viewpoint
         pose = self.problem.limit_azimuths(pose[None])[0]
         fine, coarse = (float(self._similarity(start, fine=fine).values(pose[None])) for fine in (True, False))
-        return start.move(pose, fine, coarse)
+        return start.move(pose, fine, coarse, float(self.problem.penalty(pose[None], start.photograph)))
 
     def _view_similarities(self, model: PreparedModel, elevation: float) -> Tensor:
         """Similarities (VIEW_COUNT,) of views all around."""

@@ -200,14 +200,14 @@ def select_other_sides(
 def compare_shares(
     best: Hypothesis, refined: Sequence[Hypothesis], climbed: Sequence[Hypothesis]
 ) -> dict[Hypothesis, float]:
-    """Similarities divided by the best refined pose's; without an ascent, by the best climbed one's."""
-    highest = max(hypothesis.similarity for hypothesis in climbed)
+    """Scores divided by the best refined pose's; without an ascent, by the best climbed one's."""
+    highest = max(hypothesis.score for hypothesis in climbed)
     started = [azimuth for hypothesis in refined for azimuth, _ in hypothesis.trace[:-1]]
     rivals = [hypothesis for hypothesis in refined if hypothesis is not best]
-    shares = {hypothesis: hypothesis.similarity / max(best.similarity, 1e-9) for hypothesis in rivals}
+    shares = {hypothesis: hypothesis.score / max(best.score, 1e-9) for hypothesis in rivals}
     for hypothesis in climbed:
         if min(azimuth_distance(hypothesis.azimuth, azimuth) for azimuth in started) > 0:
-            shares[hypothesis] = hypothesis.similarity / max(highest, 1e-9)
+            shares[hypothesis] = hypothesis.score / max(highest, 1e-9)
     return shares
 
 

@@ -18,6 +18,7 @@ from ..runtime.text import describe_type, to_unicode
 from .mesh_file import read_soup
 from .soup import Integers, find_distinct
 
+LARGEST_EXTENT = 1e100  # and its reciprocal the smallest: the volume of a box still fits float64
 FLAT_AREA = 1e-12
 """Twice the area at or below which a triangle has no area, where the diagonal of the mesh's bounding box is 1."""
 
@@ -101,13 +102,15 @@ class Mesh:
         """The mesh with its bounding box centred at 0 and of diagonal 1; differentiable in the vertices.
 
         Raises:
-            ValueError: all vertices are one point, or too far apart for float64.
+            ValueError: all vertices are one point, or too near or too far apart for products in float64.
         """
         low, high = self.vertices.amin(0), self.vertices.amax(0)
         longest = (high - low).max()
         extent = float(longest.detach())
-        if not 0 < extent < float("inf"):
-            raise ValueError(f"a mesh must have an extent above 0 and below infinity, got {extent:g}")
+        if not 1 / LARGEST_EXTENT < extent < LARGEST_EXTENT:
+            raise ValueError(
+                f"a mesh must have an extent between {1 / LARGEST_EXTENT:g} and {LARGEST_EXTENT:g}, got {extent:g}"
+            )
         diagonal = longest * ((high - low) / longest).norm()  # squares of the extents themselves may not fit float64
         middle = low + (high - low) / 2
         moved = self.from_original.clone()
