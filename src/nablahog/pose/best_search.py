@@ -11,7 +11,7 @@ from torch import Tensor
 from .ascent import SCHEDULE
 from .confidence import probabilities
 from .evidence import gather_evidence
-from .model import equivalent_azimuths
+from .model import compare_sides
 from .problem import PoseProblem
 from .result import PoseEstimate
 from .search_steps import SearchSteps
@@ -118,12 +118,13 @@ class BestSearch(SearchSteps):
         agreement: float,
     ) -> PoseEstimate:
         """The estimate of the best pose, with its runners-up and its confidence."""
-        same_view = equivalent_azimuths(self.problem.models[best.model], best.azimuth, float(best.pose[1]))
+        same_view, similar = compare_sides(self.problem.models[best.model], best.azimuth, float(best.pose[1]))
         known = self.calibrated and len(self.problem.models) == 1
         if known:
-            turned = best.pose[[0, 1, 3]] + torch.tensor([180.0, 0, 0])
-            if self.problem.allows(float(turned[0])):
-                other_side = self.move_to_viewpoint(best, turned)
+            viewpoint = best.pose[[0, 1, 3]]
+            for azimuth in filter(self.problem.allows, (best.azimuth + 180, *similar)):
+                viewpoint[0] = azimuth
+                other_side = self.move_to_viewpoint(best, viewpoint)
                 shares = {**shares, other_side: other_side.score / max(best.score, 1e-9)}
         runners_up = select_runners_up(shares, best, same_view)
         evidence = None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -160,28 +161,38 @@ def _describe_views(
     return torch.cat(run_in_batches(describe_poses, downsample_poses(poses, shrink)))
 
 
-def equivalent_azimuths(model: PreparedModel, azimuth: float, elevation: float) -> tuple[float, ...]:
-    """Azimuths in 0…360 from which the model looks as it does from ``azimuth``, without ``azimuth`` itself, degrees.
+class Sides(NamedTuple):
+    """Azimuths in 0…360 from which a model looks as it does from another one, degrees, or nearly so."""
 
-    A bottle looks the same from everywhere, a table from behind.  They are multiples of 360 / :data:`VIEW_COUNT` from
-    ``azimuth`` on.  Other sides are compared with small cells, too, as a drawer tells the front of a table; those next
-    to ``azimuth`` are not, as there the facets of a round object would differ.
+    equivalent: tuple[float, ...]
+    similar: tuple[float, ...]
+
+
+def compare_sides(model: PreparedModel, azimuth: float, elevation: float) -> Sides:
+    """The azimuths from which the model looks as it does from ``azimuth``, degrees, and those that differ in a detail.
+
+    A bottle looks the same from everywhere, a table from behind, unless it has a drawer.  They are multiples of
+    360 / :data:`VIEW_COUNT` from ``azimuth`` on.  Small cells tell other sides apart.  Those next to ``azimuth`` are
+    compared with large ones alone, as small ones would see the facets of a round object.
     """
     correlations = view_correlations(model, _round_elevation(elevation))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
     alike = (correlations[nearest] >= _NEARLY_ALIKE).roll(-nearest)
     next_to = alike.cumprod(0) + alike.flip(0).roll(1).cumprod(0).roll(-1).flip(0) > 0
-    azimuths, other_sides = azimuth + equidistant_azimuths(VIEW_COUNT), (alike & ~next_to).nonzero()[:, 0]
-    if len(other_sides):
+    azimuths, other_sides = azimuth + equidistant_azimuths(VIEW_COUNT), alike & ~next_to
+    same = alike.clone()
+    if other_sides.any():
         background = default_background(pose_spec(FINE_CELL))
-        compared = azimuths[torch.cat([torch.zeros(1, dtype=torch.long), other_sides])]
+        compared = torch.cat([azimuths[:1], azimuths[other_sides]])
         views = _describe_views(model, compared, elevation, background, 1, _FROM_ABOVE)
-        alike[other_sides] = views[1:].flatten(1) @ crop_whitener(background)(views[:1]).flatten() >= ALIKE
-    return tuple(float(each) % 360 for each in azimuths[alike][1:])
+        same[other_sides] = views[1:].flatten(1) @ crop_whitener(background)(views[:1]).flatten() >= ALIKE
+    same[0] = alike[0] = False  # the azimuth itself
+    equivalent, similar = ((azimuths[part] % 360).tolist() for part in (same, alike & ~same))
+    return Sides(tuple(equivalent), tuple(similar))
 
 
 def looks_same_all_around(azimuths: Sequence[float]) -> bool:
-    """Whether a model with these :func:`equivalent_azimuths` looks the same from all around, as a bottle does."""
+    """Whether a model with these equivalent azimuths looks the same from all around, as a bottle does."""
     return len(azimuths) >= VIEW_COUNT - _NEIGHBOURS
 
 
