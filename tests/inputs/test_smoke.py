@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from nablahog.inputs.arrays import as_array, as_mask, as_tensor
@@ -15,6 +16,7 @@ from nablahog.inputs.boxes import as_box
 from nablahog.inputs.cameras import as_camera, as_view
 from nablahog.inputs.numbers import as_integer, as_number, as_seed, as_size, parse_numbers
 from nablahog.inputs.pil_images import pil_pixels
+from nablahog.inputs.training_images import digest_of_images
 
 
 def test_numbers() -> None:
@@ -102,3 +104,14 @@ def test_a_mask() -> None:
     assert mask.tolist() == [[False, True], [False, True]]
     with pytest.raises(ValueError, match="true nowhere"):
         as_mask("mask", np.zeros((2, 2), bool), (2, 2))
+
+
+def test_a_digest_is_of_names_sizes_and_pixels() -> None:
+    first = {"a": torch.zeros(2, 3), "b": torch.ones(2, 2)}
+    others = [
+        {"a": torch.zeros(3, 2), "b": torch.ones(2, 2)},
+        {"a": torch.zeros(2, 3), "c": torch.ones(2, 2)},
+        {"a": torch.zeros(2, 3), "b": torch.zeros(2, 2)},
+    ]
+    assert len({digest_of_images(images) for images in (first, *others)}) == 4
+    assert digest_of_images(dict(reversed(first.items()))) == digest_of_images(first)
