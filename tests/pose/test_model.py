@@ -264,6 +264,15 @@ def test_a_drawer_tells_the_front_of_a_table() -> None:
         assert compare_sides(drawers, azimuth, 23) == ((), behind)
 
 
+def test_turns_after_which_a_model_looks_the_same() -> None:
+    """Also where the axis is not in the middle of the bounding box, and turns are no multiple of those of the views."""
+    half_dark = cuboid((0.5, 0.5, 1))
+    half_dark.brightness[4:] = 0.3
+    for order, mesh in {1: half_dark, 3: cylinder(3), 4: cuboid((0.5, 0.5, 1)), 5: cylinder(5)}.items():
+        turns = compare_sides(prepared_model(mesh.normalized()), 10, 20).equivalent
+        assert sorted(turns) == pytest.approx(sorted((10 + 360 / order * k) % 360 for k in range(1, order)))
+
+
 def test_a_bottle_has_any_azimuth() -> None:
     image, box = photographed(BOTTLE, 30, 15, behind="coffee")
     estimate = estimate_pose(image, BOTTLE, box=box, initial=(0, 15))

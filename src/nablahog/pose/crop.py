@@ -98,12 +98,14 @@ def downsample_camera(camera: Camera, factor: int) -> Camera:
     return Camera(camera.focal / factor, camera.height // factor, camera.width // factor)
 
 
-def check_box(sides: Sequence[float], height: int, width: int, least: int = SMALLEST_SIDE) -> Box:
+def check_box(
+    sides: Sequence[float], height: int, width: int, least: int = SMALLEST_SIDE, most: int = LARGEST_BOX
+) -> Box:
     """The box x0, y0, x1, y1.
 
     Raises:
         ValueError: it is not finite, has fewer than ``least`` pixels a side, lies outside an image of this size, or is
-            more than :data:`LARGEST_BOX` times as large.
+            more than ``most`` times as large.
     """
     box = as_box("the box", sides)
     if not (box.width >= least and box.height >= least):
@@ -122,9 +124,9 @@ def check_box(sides: Sequence[float], height: int, width: int, least: int = SMAL
         )
     if box.x1 <= 0 or box.y1 <= 0 or box.x0 >= width or box.y0 >= height:
         raise ValueError(f"a box must overlap the image of {height}x{width} pixels (height x width), got {tuple(box)}")
-    if max(box.width, box.height) > LARGEST_BOX * max(height, width):
+    if max(box.width, box.height) > most * max(height, width):
         raise ValueError(
-            f"a box must be at most {LARGEST_BOX} times as large as the image of {height}x{width} pixels "
+            f"a box must be at most {most} times as large as the image of {height}x{width} pixels "
             f"(height x width), got {tuple(box)}"
         )
     return box
@@ -155,8 +157,8 @@ def crop_object(
     """
     photograph = as_photograph("the photograph", photograph)
     height, width = photograph.shape[1:]
-    # boxes that a search finds may be smaller than those that are given
-    object_box = check_box((0, 0, width, height) if box is None else box, height, width, least=1)
+    # boxes that a search finds may be smaller and larger than those that are given
+    object_box = check_box((0, 0, width, height) if box is None else box, height, width, least=1, most=10 * LARGEST_BOX)
     zoom = fill / max(object_box.width, object_box.height)
     middle = (object_box.x0 + object_box.x1) / 2, (object_box.y0 + object_box.y1) / 2
     camera = typical_camera(side, fill) if focal is None else Camera(focal * zoom, side, side)

@@ -43,6 +43,7 @@ from .whitening import Background
 EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
 _MOST_OFF = 2.0  # the diagonal of a model that may have been changed, relative to a normalised one, or 1 over it
+_MOST_MOVED = 0.1  # the middle of its bounding box: an object is seen from that much higher or lower, in diagonals
 RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
@@ -249,10 +250,10 @@ def estimate_pose(
 
 
 def _check_normalized(name: str, mesh: Mesh) -> Mesh:
-    """``mesh``; ValueError if its bounding box is far from a diagonal of 1 around the origin."""
+    """``mesh``; ValueError if its bounding box is not about one with a diagonal of 1 around the origin."""
     low, high = (corner.double() for corner in (mesh.vertices.detach().amin(0), mesh.vertices.detach().amax(0)))
     diagonal, off = float((high - low).norm()), float(((low + high) / 2).norm())
-    if not (1 / _MOST_OFF <= diagonal <= _MOST_OFF and off <= diagonal / 2):
+    if not (1 / _MOST_OFF <= diagonal <= _MOST_OFF and off <= _MOST_MOVED):
         what = f"the model {name!r}" if name else "the model"
         raise ValueError(
             f"{what} must have a bounding box with a diagonal of 1 around the origin, got one of {diagonal:.3g}, "

@@ -7,7 +7,9 @@ The distance and shift of a view are those at which the model's outline fills a 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -36,8 +38,14 @@ DETAIL = 1.0  # pixels that vertices may be off in searches: a third of the face
 _FEW_FACES = 500  # with fewer, a mesh is as fast, and thin ones such as doors would become flat
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-_NEARLY_ALIKE, ALIKE = 0.95, 0.99
-"""Correlations from which on views may be the same, with large cells, and are, with small ones."""
+ALIKE = 0.95
+"""Correlation of large cells from which on two views are nearly the same."""
+SAME, _MAYBE_ALIKE = (
+    0.985,
+    0.75,
+)  # correlations of small cells of a symmetric model, and of large ones at the nearest views
+_LARGEST_ORDER, _COMPARED_VIEWS, _SYMMETRY_ELEVATION = 12, 8, 20.0  # of a symmetry; views that tell of it; degrees
+_SAME_SIDE = 15.0  # degrees: azimuths that are closer count as one
 _FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
 _CACHED_VIEWS = 2048  # sets of views, of half a megabyte: those of 256 models
 
@@ -171,24 +179,62 @@ class Sides(NamedTuple):
 def compare_sides(model: PreparedModel, azimuth: float, elevation: float) -> Sides:
     """The azimuths from which the model looks as it does from ``azimuth``, degrees, and those that differ in a detail.
 
-    A bottle looks the same from everywhere, a table from behind, unless it has a drawer.  They are multiples of
-    360 / :data:`VIEW_COUNT` from ``azimuth`` on.  Small cells tell other sides apart.  Those next to ``azimuth`` are
-    compared with large ones alone, as small ones would see the facets of a round object.
+    Equivalent are the turns of :func:`symmetry_order`, and further azimuths next to ``azimuth``, as of a mug whose
+    handle is hidden: all, of a bottle.  Similar are others whose views have nearly the same large cells, such as those
+    of a table from behind that has a drawer.
     """
     correlations = view_correlations(model, _round_elevation(elevation))
     nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
-    alike = (correlations[nearest] >= _NEARLY_ALIKE).roll(-nearest)
+    turns, alike = equidistant_azimuths(VIEW_COUNT), (correlations[nearest] >= ALIKE).roll(-nearest)
     next_to = alike.cumprod(0) + alike.flip(0).roll(1).cumprod(0).roll(-1).flip(0) > 0
-    azimuths, other_sides = azimuth + equidistant_azimuths(VIEW_COUNT), alike & ~next_to
-    same = alike.clone()
-    if other_sides.any():
-        background = default_background(pose_spec(FINE_CELL))
-        compared = torch.cat([azimuths[:1], azimuths[other_sides]])
-        views = _describe_views(model, compared, elevation, background, 1, _FROM_ABOVE)
-        same[other_sides] = views[1:].flatten(1) @ crop_whitener(background)(views[:1]).flatten() >= ALIKE
-    same[0] = alike[0] = False  # the azimuth itself
-    equivalent, similar = ((azimuths[part] % 360).tolist() for part in (same, alike & ~same))
-    return Sides(tuple(equivalent), tuple(similar))
+    if next_to.sum() > VIEW_COUNT - _NEIGHBOURS:
+        return Sides(tuple(((azimuth + turns[1:]) % 360).tolist()), ())
+    order = symmetry_order(model)
+    known = torch.cat([equidistant_azimuths(order), turns[next_to]])
+    apart = signed_angles(turns[:, None] - known).abs().amin(1) > _SAME_SIDE
+    beside = turns[next_to & (signed_angles(turns).abs() > _SAME_SIDE)]
+    equivalent = torch.cat([equidistant_azimuths(order)[1:], beside])
+    return Sides(*(tuple(((azimuth + each) % 360).tolist()) for each in (equivalent, turns[alike & apart])))
+
+
+@lru_cache(maxsize=512)
+def symmetry_order(model: PreparedModel) -> int:
+    """The largest n up to :data:`_LARGEST_ORDER` for which a model looks the same after turns by 360° / n, or 1.
+
+    Views from azimuths all around are compared in small cells, by a light that moves with the camera, so that drawers
+    and labels show.  The turns are about the centre of the surface, through which the axis of a symmetric object goes.
+    """
+    a, b, c = model.mesh.vertices[model.mesh.faces].unbind(1)
+    areas = torch.linalg.cross(b - a, c - a).norm(dim=1, keepdim=True)
+    centre = (areas * (a + b + c)).sum(0) / (3 * areas.sum())
+    centred = PreparedModel(replace(model.mesh, vertices=model.mesh.vertices - centre))
+    background, first = default_background(pose_spec(FINE_CELL)), equidistant_azimuths(_COMPARED_VIEWS, 7.0)
+
+    def describe_views(azimuths: Tensor) -> Tensor:
+        lights = [Light((math.sin(angle), -math.cos(angle), 1.0)) for angle in (azimuths + 30).deg2rad().tolist()]
+        return torch.cat(
+            [
+                _describe_views(centred, azimuth, _SYMMETRY_ELEVATION, background, 1, light)
+                for azimuth, light in zip(azimuths[:, None], lights, strict=True)
+            ]
+        )
+
+    whitened: Tensor | None = None
+    for order in range(_LARGEST_ORDER, 1, -1):
+        if _may_have_order(view_correlations(model, _SYMMETRY_ELEVATION), order):
+            if whitened is None:
+                whitened = crop_whitener(background)(describe_views(first))
+            products = (whitened * describe_views(first + 360 / order)).sum(dim=(1, 2, 3))
+            if products.min() >= SAME:
+                return order
+    return 1
+
+
+def _may_have_order(correlations: Tensor, order: int) -> bool:
+    """Whether views of large cells are much alike after a turn by 360° / ``order``, as far as the grid tells."""
+    turn = VIEW_COUNT / order
+    after = torch.stack([correlations.roll(-steps, 1).diagonal() for steps in (math.floor(turn), math.ceil(turn))])
+    return bool(after.amax(0).mean() >= _MAYBE_ALIKE)
 
 
 def looks_same_all_around(azimuths: Sequence[float]) -> bool:
@@ -206,7 +252,7 @@ def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
 
 def forget_views() -> None:
     """Empties the caches of this module, which hold models with their renderers and views."""
-    for cached in (prepared_model, _read_views, view_correlations):
+    for cached in (prepared_model, _read_views, view_correlations, symmetry_order):
         cached.cache_clear()
 
 

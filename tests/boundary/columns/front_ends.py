@@ -34,7 +34,7 @@ from .plain import BOX, CAMERA, DESCRIPTOR, IMAGE, MASK, MESH, SIZE, angle, imag
 
 HOST = "127.0.0.1:8765"
 VIEW, FOUND = (30, 20), ("azimuth", "elevation", "distance", "theta", "x", "y")
-QUICK, ROW = {"quality": "fast", "prior": "none"}, DESCRIPTOR[0].numpy().reshape(-1)
+QUICK, STORED = {"quality": "fast", "prior": "none"}, DESCRIPTOR[0].numpy()
 EIGHT_BITS = 0.01  # of pictures in files
 
 
@@ -163,17 +163,17 @@ def posed_on_page(mesh: Any = MESH, **more: Any) -> Any:
 
 
 def inverted(*options: str, preset: Any = "uoctti", **more: Any) -> Any:
-    """The pre-image of a descriptor in one row."""
+    """The pre-image of a descriptor in a file; in one row, other sizes would be tried, too, which takes longer."""
     flags = [f"--{name.replace('_', '-')}={as_words(value, 'x')}" for name, value in (QUICK | more).items()]
     with tempfile.TemporaryDirectory() as folder:
         source, out = Path(folder, "d.npy"), Path(folder, "out")
-        source.write_bytes(stored(ROW)[1])
+        source.write_bytes(stored(STORED)[1])
         command("invert", str(source), "-o", str(out), f"--preset={as_words(preset)}", *flags)
         return read_image(out / "d_preimage.png")
 
 
 def inverted_on_page(image_size: Any = SIZE, **more: Any) -> Any:
-    descriptor = descriptor_id(ROW, image_size=as_words(image_size, "x"))
+    descriptor = descriptor_id(STORED, image_size=as_words(image_size, "x"))
     events = answer_events("/api/invert", content=as_json(descriptor=descriptor, **QUICK, **more))
     return read_image(InputFile("a.png", base64.b64decode(events["done"]["image"])))
 
