@@ -21,7 +21,8 @@ from nablahog.app.snippets import FitFiles, write_pose_snippets
 from nablahog.app.store import MeshEntry, Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
 from nablahog.io.input_file import InputFile
-from nablahog.pose.model import prepared_model, view_correlations
+from nablahog.pose.model import prepared_model
+from nablahog.pose.symmetry import view_correlations
 from nablahog.render import load_mesh
 from nablahog.requests.pose import PoseRequest
 

@@ -20,7 +20,6 @@ from nablahog.pose.model import (
     VIEW_COUNT,
     PreparedModel,
     azimuth_distance,
-    compare_sides,
     convex_hull,
     equidistant_azimuths,
     fit_to_box,
@@ -32,6 +31,7 @@ from nablahog.pose.model import (
 )
 from nablahog.pose.photograph import ELEMENT, ELEMENTS, PreparedPhotograph
 from nablahog.pose.similarity import describe
+from nablahog.pose.symmetry import compare_sides
 from nablahog.render import Camera, Mesh, pose, silhouette
 from nablahog.render.camera import to_camera, to_screen
 

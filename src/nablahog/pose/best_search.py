@@ -11,10 +11,10 @@ from torch import Tensor
 from .ascent import SCHEDULE
 from .confidence import probabilities
 from .evidence import gather_evidence
-from .model import compare_sides
 from .problem import PoseProblem
 from .result import PoseEstimate
 from .search_steps import SearchSteps
+from .symmetry import compare_sides
 from .viewpoint_prior import ViewpointPrior
 from .vote import (
     Hypothesis,

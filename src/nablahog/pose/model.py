@@ -7,11 +7,7 @@ The distance and shift of a view are those at which the model's outline fills a 
 from __future__ import annotations
 
 import hashlib
-import math
-from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +21,6 @@ from ..render.camera import rotation_matrices
 from ..render.renderer import DEFAULT_LIGHT, EdgeMethod
 from ..render.surface import Light, simplify
 from ..runtime.cache import code_key
-from .background import FINE_CELL, default_background, pose_spec
 from .crop import CROP_FILL, CROP_SIDE, DISTANCE, downsample_camera, typical_camera
 from .similarity import Similarity, Template, coarse_background, describe, deviations, downsample_poses, run_in_batches
 from .whitening import Background, Whitener, cached_whitener
@@ -37,16 +32,6 @@ _ROUNDS = 3  # of fitting the distance: perspective makes size not quite its inv
 DETAIL = 1.0  # pixels that vertices may be off in searches: a third of the faces remain, and poses are as exact
 _FEW_FACES = 500  # with fewer, a mesh is as fast, and thin ones such as doors would become flat
 ELEVATION_STEP = 5.0  # degrees between the elevations that there are views of
-_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-ALIKE = 0.95
-"""Correlation of large cells from which on two views are nearly the same."""
-SAME, _MAYBE_ALIKE = (
-    0.985,
-    0.75,
-)  # correlations of small cells of a symmetric model, and of large ones at the nearest views
-_LARGEST_ORDER, _COMPARED_VIEWS, _SYMMETRY_ELEVATION = 12, 8, 20.0  # of a symmetry; views that tell of it; degrees
-_SAME_SIDE = 15.0  # degrees: azimuths that are closer count as one
-_FROM_ABOVE = Light((0.0, 0.0, 1.0))  # the same from all azimuths: shading does not tell views of a bottle apart
 _CACHED_VIEWS = 2048  # sets of views, of half a megabyte: those of 256 models
 
 
@@ -130,7 +115,7 @@ def view_descriptors(model: PreparedModel, elevation: float, own: Background | N
     Returns:
         (VIEW_COUNT, C, rows, cols), float32.
     """
-    return _read_views(model, _round_elevation(elevation), own)
+    return _read_views(model, round_elevation(elevation), own)
 
 
 @lru_cache(maxsize=_CACHED_VIEWS)
@@ -143,16 +128,16 @@ def _read_views(model: PreparedModel, elevation: float, own: Background | None) 
 
     def describe_all() -> NDArray[np.float32]:
         azimuths = equidistant_azimuths(VIEW_COUNT)
-        return _describe_views(model, azimuths, elevation, background, shrink, DEFAULT_LIGHT).numpy()
+        return describe_views(model, azimuths, elevation, background, shrink, DEFAULT_LIGHT).numpy()
 
     return torch.from_numpy(cached_array("views", key, shape, describe_all))
 
 
-def _round_elevation(elevation: float) -> float:
+def round_elevation(elevation: float) -> float:
     return ELEVATION_STEP * round(elevation / ELEVATION_STEP)
 
 
-def _describe_views(
+def describe_views(
     model: PreparedModel, azimuths: Tensor, elevation: float, background: Background, shrink: int, light: Light
 ) -> Tensor:
     """Renders and describes views that fill the crop, as :func:`view_descriptors` returns them."""
@@ -169,90 +154,9 @@ def _describe_views(
     return torch.cat(run_in_batches(describe_poses, downsample_poses(poses, shrink)))
 
 
-class Sides(NamedTuple):
-    """Azimuths in 0…360 from which a model looks as it does from another one, degrees, or nearly so."""
-
-    equivalent: tuple[float, ...]
-    similar: tuple[float, ...]
-
-
-def compare_sides(model: PreparedModel, azimuth: float, elevation: float) -> Sides:
-    """The azimuths from which the model looks as it does from ``azimuth``, degrees, and those that differ in a detail.
-
-    Equivalent are the turns of :func:`symmetry_order`, and further azimuths next to ``azimuth``, as of a mug whose
-    handle is hidden: all, of a bottle.  Similar are others whose views have nearly the same large cells, such as those
-    of a table from behind that has a drawer.
-    """
-    correlations = view_correlations(model, _round_elevation(elevation))
-    nearest = round(azimuth / 360 * VIEW_COUNT) % VIEW_COUNT
-    turns, alike = equidistant_azimuths(VIEW_COUNT), (correlations[nearest] >= ALIKE).roll(-nearest)
-    next_to = alike.cumprod(0) + alike.flip(0).roll(1).cumprod(0).roll(-1).flip(0) > 0
-    if next_to.sum() > VIEW_COUNT - _NEIGHBOURS:
-        return Sides(tuple(((azimuth + turns[1:]) % 360).tolist()), ())
-    order = symmetry_order(model)
-    known = torch.cat([equidistant_azimuths(order), turns[next_to]])
-    apart = signed_angles(turns[:, None] - known).abs().amin(1) > _SAME_SIDE
-    beside = turns[next_to & (signed_angles(turns).abs() > _SAME_SIDE)]
-    equivalent = torch.cat([equidistant_azimuths(order)[1:], beside])
-    return Sides(*(tuple(((azimuth + each) % 360).tolist()) for each in (equivalent, turns[alike & apart])))
-
-
-@lru_cache(maxsize=512)
-def symmetry_order(model: PreparedModel) -> int:
-    """The largest n up to :data:`_LARGEST_ORDER` for which a model looks the same after turns by 360° / n, or 1.
-
-    Views from azimuths all around are compared in small cells, by a light that moves with the camera, so that drawers
-    and labels show.  The turns are about the centre of the surface, through which the axis of a symmetric object goes.
-    """
-    a, b, c = model.mesh.vertices[model.mesh.faces].unbind(1)
-    areas = torch.linalg.cross(b - a, c - a).norm(dim=1, keepdim=True)
-    centre = (areas * (a + b + c)).sum(0) / (3 * areas.sum())
-    centred = PreparedModel(replace(model.mesh, vertices=model.mesh.vertices - centre))
-    background, first = default_background(pose_spec(FINE_CELL)), equidistant_azimuths(_COMPARED_VIEWS, 7.0)
-
-    def describe_views(azimuths: Tensor) -> Tensor:
-        lights = [Light((math.sin(angle), -math.cos(angle), 1.0)) for angle in (azimuths + 30).deg2rad().tolist()]
-        return torch.cat(
-            [
-                _describe_views(centred, azimuth, _SYMMETRY_ELEVATION, background, 1, light)
-                for azimuth, light in zip(azimuths[:, None], lights, strict=True)
-            ]
-        )
-
-    whitened: Tensor | None = None
-    for order in range(_LARGEST_ORDER, 1, -1):
-        if _may_have_order(view_correlations(model, _SYMMETRY_ELEVATION), order):
-            if whitened is None:
-                whitened = crop_whitener(background)(describe_views(first))
-            products = (whitened * describe_views(first + 360 / order)).sum(dim=(1, 2, 3))
-            if products.min() >= SAME:
-                return order
-    return 1
-
-
-def _may_have_order(correlations: Tensor, order: int) -> bool:
-    """Whether views of large cells are much alike after a turn by 360° / ``order``, as far as the grid tells."""
-    turn = VIEW_COUNT / order
-    after = torch.stack([correlations.roll(-steps, 1).diagonal() for steps in (math.floor(turn), math.ceil(turn))])
-    return bool(after.amax(0).mean() >= _MAYBE_ALIKE)
-
-
-def looks_same_all_around(azimuths: Sequence[float]) -> bool:
-    """Whether a model with these equivalent azimuths looks the same from all around, as a bottle does."""
-    return len(azimuths) >= VIEW_COUNT - _NEIGHBOURS
-
-
-@lru_cache(maxsize=512)
-def view_correlations(model: PreparedModel, elevation: float) -> Tensor:
-    """Correlations (VIEW_COUNT, VIEW_COUNT) of the whitened views at an elevation, degrees, lit from above."""
-    background, shrink = coarse_background()
-    views = _describe_views(model, equidistant_azimuths(VIEW_COUNT), elevation, background, shrink, _FROM_ABOVE)
-    return views.flatten(1) @ crop_whitener(background, shrink)(views).flatten(1).T
-
-
 def forget_views() -> None:
     """Empties the caches of this module, which hold models with their renderers and views."""
-    for cached in (prepared_model, _read_views, view_correlations, symmetry_order):
+    for cached in (prepared_model, _read_views):
         cached.cache_clear()
 
 

@@ -23,8 +23,8 @@ from ..runtime.pytorch import in_plain_mode
 from .ascent import SearchTrace
 from .confidence import Evidence
 from .geometry import PoseGeometry
-from .model import looks_same_all_around
 from .options import FocalSource, SimilarityKind
+from .symmetry import looks_same_all_around
 
 MIN_SIMILARITY = 5.0
 """A calibrated similarity below which a pose without a confidence may mean nothing: 9 of 10 boxes of photographs

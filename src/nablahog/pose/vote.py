@@ -27,12 +27,12 @@ from .model import (
     fit_to_box,
     forget_views,
     level_poses,
-    looks_same_all_around,
     select_different,
     signed_angles,
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
+from .symmetry import forget_sides, looks_same_all_around
 from .viewpoint_prior import ViewpointPrior
 
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
@@ -290,4 +290,5 @@ def _right_share(prior: ViewpointPrior, model: PreparedModel) -> float:
 def forget_models() -> None:
     """Empties the caches of what is prepared of models; each is made again when it is needed."""
     forget_views()
+    forget_sides()
     _right_share.cache_clear()
