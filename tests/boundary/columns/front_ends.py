@@ -173,7 +173,8 @@ def inverted(*options: str, preset: Any = "uoctti", **more: Any) -> Any:
 
 
 def inverted_on_page(image_size: Any = SIZE, **more: Any) -> Any:
-    descriptor = descriptor_id(STORED, image_size=as_words(image_size, "x"))
+    row = STORED.reshape(-1)  # an empty size is none, which only a row needs
+    descriptor = descriptor_id(row, image_size=as_words(image_size, "x"))
     events = answer_events("/api/invert", content=as_json(descriptor=descriptor, **QUICK, **more))
     return read_image(InputFile("a.png", base64.b64decode(events["done"]["image"])))
 
