@@ -104,6 +104,10 @@ def test_a_mask() -> None:
     assert mask.tolist() == [[False, True], [False, True]]
     with pytest.raises(ValueError, match="true nowhere"):
         as_mask("mask", np.zeros((2, 2), bool), (2, 2))
+    with pytest.raises(ValueError, match=r"got bool of shape \(2, 3\)$"):
+        as_mask("mask", np.ones((2, 3), bool), (2, 2))
+    with pytest.raises(ValueError, match=r"write mask > 0$"):
+        as_mask("mask", np.ones((2, 2), np.uint8), (2, 2))
 
 
 def test_a_digest_is_of_names_sizes_and_pixels() -> None:
