@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nablahog.viz.html import COLOURS, Cell, Drawing, Section, figure, page
+from nablahog.viz.html import COLOURS, Cell, Drawing, Section, Shown, figure, page
 from nablahog.viz.pictures import Panel
 
 TABLE = [{"input": "<b>", "CC": 0.12345, "SSIM": None}, {"input": "x", "CC": None, "SSIM": None}]
@@ -48,6 +48,7 @@ def test_page() -> None:
 
 
 def test_figures() -> None:
+    assert (figure(Shown(0.0004, "< 0.001")), Shown(0.0004, "< 0.001")) == ("< 0.001", 0.0004)
     assert [figure(v) for v in (None, 0.5, 3, "x", float("nan"))] == ["–", "0.500", "3", "x", "nan"]
     assert [figure(v) for v in (9.9994, 47.33, -123.46)] == ["9.999", "47.3", "-123.5"]
 
