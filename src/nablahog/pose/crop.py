@@ -22,7 +22,7 @@ from .crop_view import CropView, resample
 CROP_SIDE = 128  # pixels of the square
 CROP_FILL = 112.0  # pixels of the box's longer side in it
 SMALLEST_SIDE = 8  # of a photograph, and of a box that is given, pixels
-LARGEST_BOX = 10  # times as large as the photograph; of less the photograph would be a pixel or two of the crop
+LARGEST_BOX = 10  # times as large as the photograph, which then fills some 11 pixels of the crop
 DISTANCE = 3.0
 """From the camera to the object where nothing is known, in diagonals of its bounding box: as people stand."""
 _TYPICAL_EXTENT = 0.85  # longer side of a typical view, in diagonals; the fit to the box corrects the rest

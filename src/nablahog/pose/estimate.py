@@ -42,8 +42,9 @@ from .whitening import Background
 
 EVERY_DEGREE = 360
 PAPER_STARTS = 8  # azimuths all around, beside the initial one
-_MOST_OFF = 2.0  # the diagonal of a model that may have been changed, relative to a normalised one, or 1 over it
-_MOST_MOVED = 0.1  # the middle of its bounding box: an object is seen from that much higher or lower, in diagonals
+# a normalised model may have been changed: the largest diagonal of its bounding box, or 1 over the smallest, and the
+# farthest that its middle may be from the origin
+_LARGEST_DIAGONAL, _FARTHEST_MIDDLE = 2.0, 0.1
 RENDERERS: dict[SearchMethod, tuple[EdgeMethod, int]] = {"paper": ("opendr", 1), "paper-edges": ("edges", 2)}
 """How the paper's methods differentiate renderings, and with how many samples along the side of a pixel."""
 
@@ -253,7 +254,7 @@ def _check_normalized(name: str, mesh: Mesh) -> Mesh:
     """``mesh``; ValueError if its bounding box is not about one with a diagonal of 1 around the origin."""
     low, high = (corner.double() for corner in (mesh.vertices.detach().amin(0), mesh.vertices.detach().amax(0)))
     diagonal, off = float((high - low).norm()), float(((low + high) / 2).norm())
-    if not (1 / _MOST_OFF <= diagonal <= _MOST_OFF and off <= _MOST_MOVED):
+    if not (1 / _LARGEST_DIAGONAL <= diagonal <= _LARGEST_DIAGONAL and off <= _FARTHEST_MIDDLE):
         what = f"the model {name!r}" if name else "the model"
         raise ValueError(
             f"{what} must have a bounding box with a diagonal of 1 around the origin, got one of {diagonal:.3g}, "

@@ -13,8 +13,9 @@ from .model import DETAIL, VIEW_COUNT, PreparedModel, equidistant_azimuths, view
 from .photograph import PreparedPhotograph
 from .problem import PoseProblem, allowed_azimuths
 from .similarity import downsample_poses
+from .symmetry import SAME_SIDE
 from .viewpoint_prior import ViewpointPrior
-from .vote import SAME_SIDE, Hypothesis, azimuth_evidence
+from .vote import Hypothesis, azimuth_evidence
 
 _RANGE_RIGHT = 0.8  # probability that a range of azimuths that was given has the true one, before any evidence
 _KNOWN_EXPONENT = 2.0  # of the probabilities by views of the object's own model, which tell more than those of others

@@ -67,7 +67,7 @@ class PoseEstimate(PoseGeometry):
         evidence: the figures that the confidence rests on; None for a runner-up, and if there is no confidence.
         equivalent_azimuths: further azimuths from which the model looks the same, degrees; see :attr:`any_azimuth`.
         runners_up: the best poses from other sides, the best first.
-        share: of a runner-up: its similarity, less what few photographs show, divided by the best pose's, in 0…1;
+        share: of a runner-up: its similarity, less the penalty of a rare view, divided by the best pose's, in 0…1;
             where its search ended with large cells, both are similarities of these; among several models, its votes
             divided by those for the best side.  1 for the best pose itself.
         renderings: the number that were compared with the photograph, cached views included.

@@ -29,7 +29,7 @@ from .similarity import coarse_background
 
 _ALIKE = 0.95  # correlation of large cells from which on two views are nearly the same
 _NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
-_SAME_SIDE = 15.0  # degrees: azimuths that are closer count as one
+SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _LARGEST_ORDER = 12  # of a symmetry: turns by 30°
 _COMPARED_VIEWS, _ELEVATION = 8, 20.0  # that tell of it, and their elevation, degrees
 _SAME = 0.985  # correlation of small cells from which on they are the same
@@ -59,8 +59,8 @@ def compare_sides(model: PreparedModel, azimuth: float, elevation: float) -> Sid
         return Sides(tuple(((azimuth + turns[1:]) % 360).tolist()), ())
     order = symmetry_order(model)
     known = torch.cat([equidistant_azimuths(order), turns[next_to]])
-    apart = signed_angles(turns[:, None] - known).abs().amin(1) > _SAME_SIDE
-    beside = turns[next_to & (signed_angles(turns).abs() > _SAME_SIDE)]
+    apart = signed_angles(turns[:, None] - known).abs().amin(1) > SAME_SIDE
+    beside = turns[next_to & (signed_angles(turns).abs() > SAME_SIDE)]
     equivalent = torch.cat([equidistant_azimuths(order)[1:], beside])
     return Sides(*(tuple(((azimuth + each) % 360).tolist()) for each in (equivalent, turns[alike & apart])))
 

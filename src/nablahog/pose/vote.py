@@ -32,10 +32,9 @@ from .model import (
     view_descriptors,
 )
 from .photograph import PreparedPhotograph
-from .symmetry import forget_sides, looks_same_all_around
+from .symmetry import SAME_SIDE, forget_sides, looks_same_all_around
 from .viewpoint_prior import ViewpointPrior
 
-SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _COARSE_WEIGHT = (
     0.7  # weight in a vote of the coarse similarity, which tells sides apart; the fine one tells models apart
 )
