@@ -11,7 +11,7 @@ tools := $(VENV)/.tools
 package := $(VENV)/.package
 development := $(VENV)/.development
 
-.PHONY: demo app native loops test sanitize docs coverage fuzz mutants alone bounds generated lint wheels clean
+.PHONY: demo app native loops test slow sanitize docs coverage fuzz mutants alone bounds generated lint wheels clean
 
 demo: native  ## invert a photograph, write pictures, figures and a page into out/demo
 	@echo "Inverting both descriptors of a photograph"
@@ -32,10 +32,13 @@ loops: $(tools)
 	    then $(bin)/cmake --build build/native -- --quiet; \
 	    else echo "no C++ compiler: all runs on plain PyTorch, slowly"; fi
 
-test sanitize docs coverage fuzz mutants alone generated: native $(development)
+test slow sanitize docs coverage fuzz mutants alone generated: native $(development)
 
 test:  ## all tests but the slow ones
 	$(bin)/python -m pytest -n auto --dist worksteal
+
+slow:  ## the slow tests, which .ci/run runs, too
+	$(bin)/python -m pytest -n auto --dist worksteal -m "slow and not xslow"
 
 sanitize:  ## the tests of the compiled loops under AddressSanitizer and UndefinedBehaviorSanitizer
 	PATH="$(abspath $(bin)):$$PATH" .ci/sanitize $(ARGS)
@@ -45,13 +48,13 @@ docs:  ## the site, build/docs/html/index.html, without a network
 	    --doctree-dir build/docs/doctrees docs build/docs/html
 	$(bin)/python -m docs.check_links build/docs/html
 
-coverage:  ## the same, with the lines that no test runs
-	$(bin)/python -m pytest --cov=nablahog --cov-report=term-missing:skip-covered
+coverage:  ## both, with the lines that no test runs
+	$(bin)/python -m pytest -m "not xslow" --cov=nablahog --cov-report=term-missing:skip-covered
 
 # fresh memory is full of large numbers, where it is glibc's: what is read before it is written shows
 fuzz:  ## half an hour of hostile input, other every time: specs, descriptors, files, kills
 	NABLAHOG_FUZZ=60 NABLAHOG_FUZZ_SEED=$$(date +%s) MALLOC_PERTURB_=128 \
-	    $(bin)/python -m pytest tests/fuzz -n auto --dist worksteal -m "slow or not slow" $(ARGS)
+	    $(bin)/python -m pytest tests/fuzz -n auto --dist worksteal -m "" $(ARGS)
 
 mutants:  ## breaks 200 lines, one after the other, and lists those that no test notices (ARGS="--under hog pose --all")
 	$(bin)/python -m tests.mutants $(ARGS)

@@ -1,6 +1,6 @@
 """The scripts of the gallery and the tutorials run without a warning, and each shows pictures with something on them.
 
-Building the pages runs all of them, too; `pytest -m slow` runs the longest.
+Building the pages runs all of them, too; `pytest -m xslow` runs the longest.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     pyplot.close("all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in SCRIPTS]
+    "name", [pytest.param(name, marks=[pytest.mark.xslow] if name in LONG else []) for name in SCRIPTS]
 )
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of tensors, which Matplotlib reads
 def test_it_shows_something(name: str, pyplot: ModuleType) -> None:

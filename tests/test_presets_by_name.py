@@ -35,6 +35,7 @@ def _results(spec: HOGSpec | str) -> list[Tensor]:
     ]
 
 
+@pytest.mark.slow
 def test_a_name_is_the_preset_with_its_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.invert.prior.training_windows.SignedTraining.default_crops", 1)
     assert all(map(torch.equal, _results("uoctti"), _results(presets.uoctti())))

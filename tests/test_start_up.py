@@ -70,6 +70,7 @@ def test_importing_is_light() -> None:
 BLOCKED = "import sys\nfor name in {}: sys.modules[name] = None\n"  # as if they were not installed
 
 
+@pytest.mark.slow
 def test_hog_needs_pytorch_and_numpy_alone() -> None:
     others = [name for name in HEAVY if name not in ("torch", "numpy")]
     program = f"""{BLOCKED.format(others)}
@@ -82,6 +83,7 @@ print(skimage.hog(numpy.ones((32, 32))).shape, nablahog.hog(numpy.ones((32, 32))
     assert show(program) == "(324,) (4, 4, 9)\n"
 
 
+@pytest.mark.slow
 def test_poses_and_pre_images_need_no_photographs() -> None:
     program = f"""{BLOCKED.format(["skimage"])}
 import nablahog
@@ -104,6 +106,7 @@ for argv in {wrong}: assert main(argv) == 2, argv"""
     assert loaded_by(program) == set()
 
 
+@pytest.mark.slow
 def test_every_name_is_there() -> None:
     """In fresh processes, where nothing has loaded the modules, each by itself."""
     programs = []
@@ -121,6 +124,7 @@ def test_tab_completion_shows_public_names_alone(name: str) -> None:
     assert shown == {*members(import_module(f"nablahog.{name}"))}
 
 
+@pytest.mark.slow
 def test_a_wrong_name_is_told_the_nearest() -> None:
     """By Python itself, which asks ``dir()``."""
     names = {"presets.uoctty": "uoctti", "HOGspec": "HOGSpec", "metrics.cross_corelation": "cross_correlation"}
@@ -135,6 +139,7 @@ def test_a_wrong_preset_is_told_the_nearest() -> None:
         HOG("UoCTTI")
 
 
+@pytest.mark.slow
 def test_functions_win_over_packages_of_their_names_and_modules_are_reached_all_the_same() -> None:
     ways = (
         "from nablahog import NAME; import nablahog.NAME",
@@ -172,6 +177,7 @@ def test_the_version_is_that_of_the_installed_package() -> None:
     assert nablahog.__version__ == importlib.metadata.version("nablahog")
 
 
+@pytest.mark.slow
 def test_it_compiles_as_the_first_thing() -> None:
     """torch.compile looks names up in its own way."""
     program = """
@@ -183,6 +189,7 @@ print(torch.equal(compiled(images), nablahog.hog(images, spec)))"""
     assert show(program) == "True\n"
 
 
+@pytest.mark.slow
 def test_exported_graphs_need_the_operator(tmp_path: Path) -> None:
     path, images = tmp_path / "hog.pt2", torch.rand(1, 1, 16, 16)
     torch.export.save(torch.export.export(HOG("paper"), (images,)), path)

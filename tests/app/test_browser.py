@@ -82,6 +82,7 @@ def drop(page: Page, **contents: str) -> None:
     )
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_see(page: Page, folder: Path) -> None:
     page.open("#/see?photo=sample-camera&preset=uoctti&size=128")
@@ -101,6 +102,7 @@ def test_see(page: Page, folder: Path) -> None:
     assert load_descriptor(next((folder / "downloads").glob("*.npz"))).descriptor.shape == (8, 8, 31)
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     """One row, which no normaliser has made: the presets whose descriptors have its length come first."""
@@ -120,6 +122,7 @@ def test_a_dropped_array_is_asked_about(page: Page, tmp_path: Path) -> None:
     refused_and_expected(page)
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) -> None:
     (tmp_path / "mine.png").write_bytes(photo_file)
@@ -169,6 +172,7 @@ def test_what_is_dropped_ends_what_was_dropped_before(page: Page, tmp_path: Path
     assert len(page.complaints()) == 1  # the page tells the console that there were two
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_camera_is_dropped_on_another_view(page: Page) -> None:
     for width, end in (
@@ -185,6 +189,7 @@ def test_a_camera_is_dropped_on_another_view(page: Page) -> None:
     refused_and_expected(page)
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_invert(page: Page) -> None:
     page.open("#/invert?photo=sample-camera&preset=uoctti&size=96&quality=best&prior=none")
@@ -204,6 +209,7 @@ def test_invert(page: Page) -> None:
     page.idle()
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_fit(page: Page, folder: Path) -> None:
     page.open("#/fit")  # begins with a photograph of a chair
@@ -246,6 +252,7 @@ def test_fit(page: Page, folder: Path) -> None:
     assert page.read("document.querySelector('#principal-x').value") == "110.5"
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_the_file_of_a_camera(page: Page, folder: Path) -> None:
     """Its numbers are written into the fields, or a sentence says why not; they stay in the address."""
@@ -269,6 +276,7 @@ def test_the_file_of_a_camera(page: Page, folder: Path) -> None:
         page.until(f"document.querySelector('#alert').textContent.includes('{words}')")
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> None:
     """What is chosen from is folded above the view, and folds again after a choice; so begins what starts the work."""

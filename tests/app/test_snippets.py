@@ -62,6 +62,7 @@ def test_of_a_photograph(client: TestClient, tmp_path: Path, photo_file: bytes, 
     np.testing.assert_allclose(names["descriptor"], expected, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prior", ["default", "none"])
 def test_of_its_pre_image(client: TestClient, tmp_path: Path, photo_file: bytes, prior: str, run: Run) -> None:
     (tmp_path / NAMES[0]).write_bytes(photo_file)
@@ -98,6 +99,7 @@ def files() -> dict[str, tuple[str, dict[str, str], bytes]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [*files()])
 def test_of_a_file(client: TestClient, tmp_path: Path, which: str, run: Run) -> None:
     name, answers, held = files()[which]
@@ -115,6 +117,7 @@ def test_of_a_file(client: TestClient, tmp_path: Path, which: str, run: Run) -> 
         assert float(run(done["snippets"])["result"].distance[0]) == pytest.approx(done["distance"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_of_a_detector_that_opencv_saved(client: TestClient, tmp_path: Path, run: Run) -> None:
     detector, file = HOGDescriptor(), tmp_path / "people.yml.gz"
     detector.setSVMDetector(np.random.default_rng(0).standard_normal(3781).astype(np.float32))
@@ -127,6 +130,7 @@ def test_of_a_detector_that_opencv_saved(client: TestClient, tmp_path: Path, run
     np.testing.assert_array_equal(weights, load_descriptor("page.npz").descriptor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [{"focal": None}, {"focal": [400.0, 410.0], "principal_point": [100.5, 120.0]}])
 def test_of_a_pose(client: TestClient, tmp_path: Path, camera: dict[str, Any], run: Run) -> None:
     """Of a photograph whose file says a focal length, which the page may be told to ignore, and of a mesh with axes."""

@@ -54,6 +54,7 @@ def test_a_descriptor_file(client: TestClient) -> None:
     assert (seen["glyphs"]["rows"], seen["glyphs"]["cols"]) == (8, 6)
 
 
+@pytest.mark.slow
 def test_an_array_is_asked_about_if_its_numbers_do_not_decide(client: TestClient) -> None:
     image = camera()[100:228, 200:264]
     array = hog(image, presets.opencv(), layout="native")
@@ -139,6 +140,7 @@ def test_nothing_is_left_behind(
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_no_sentence_has_options_of_the_command(client: TestClient) -> None:
     random = np.random.default_rng(0)
     row, cells = (npy(random.random(shape, dtype=np.float32)) for shape in (252, (8, 8, 31)))

@@ -13,8 +13,11 @@ from .columns.plain import DESCRIPTOR, IMAGE, OTHER, SIZE
 from .rows import ROWS
 from .table import Column, Row, Use, numbers, plain_result, run_cell
 
+SLOW = ("context", "number", "size")  # kinds of rows that searches take
+PARAMETERS = [pytest.param(row, id=name, marks=[pytest.mark.slow] * (row.kind in SLOW)) for name, row in ROWS.items()]
 
-@pytest.mark.parametrize("row", ROWS.values(), ids=lambda row: row.name)
+
+@pytest.mark.parametrize("row", PARAMETERS)
 def test_row(row: Row) -> None:
     cells = {name: run_cell(row, column) for name, column in COLUMNS.items() if column.takes(row)}
     assert cells, "no column takes this kind"

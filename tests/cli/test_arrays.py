@@ -121,6 +121,7 @@ def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused
     refused("invert", photo, *out, "--key", "hog", message="--key goes with arrays of other libraries")
 
 
+@pytest.mark.slow
 def test_parameters_without_a_preset_are_those_of_the_one_that_is_found(
     tmp_path: Path, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,6 +79,7 @@ def test_what_is_finished_survives(tmp_path: Path, photo: str, monkeypatch: pyte
     assert len(json.loads((tmp_path / "out" / "results.json").read_text())) == 1
 
 
+@pytest.mark.slow
 def test_names_that_the_terminal_cannot_show(tmp_path: Path, photo: str) -> None:
     odd = tmp_path / "in" / "[red] é\n.png"
     os.rename(photo, odd)
@@ -92,6 +93,7 @@ def test_names_that_the_terminal_cannot_show(tmp_path: Path, photo: str) -> None
     assert "Traceback" not in run.stderr
 
 
+@pytest.mark.slow
 def test_without_standard_output_the_work_is_done(tmp_path: Path) -> None:
     Image.new("L", (32, 32), 9).save(tmp_path / "a.png")
     command = f"{sys.executable} -m nablahog hog {tmp_path}/a.png -o {tmp_path}/a.npz >&- 2>&-"
@@ -114,6 +116,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_data_set_and_its_images(folder: Path) -> None:
     (folder / "list.txt").write_text(f"{NAME}\n", "utf-8")
     _run(folder, "-m", "nablahog", "hog", NAME, "@list.txt", "-o", "ü.parquet", "--workers", "1", "--quiet")
@@ -122,6 +125,7 @@ def test_a_data_set_and_its_images(folder: Path) -> None:
     assert "000000_stühle [1]_preimage.png" in os.listdir(folder / "out")
 
 
+@pytest.mark.slow
 def test_poses(folder: Path) -> None:
     (folder / "wedge_ü.off").write_text(WEDGE)
     (folder / "list.csv").write_text(f"image,x0,y0,x1,y1\n{NAME},5,5,60,60\n", "utf-8")
@@ -132,6 +136,7 @@ def test_poses(folder: Path) -> None:
     assert (row["image"], row["model"], row["error"]) == (NAME, "wedge_ü", "")
 
 
+@pytest.mark.slow
 def test_a_texture(folder: Path) -> None:
     Image.fromarray(np.full((8, 8), 51, np.uint8)).save(folder / NAME)
     (folder / "ü.mtl").write_text(f"newmtl m\nKd 1 1 1\nmap_Kd {NAME}\n", "utf-8")

@@ -148,6 +148,7 @@ def test_quiet(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -
     assert "uoctti" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_stdin_and_stdout(tmp_path: Path, photo: str) -> None:
     command = [sys.executable, "-m", "nablahog"]
     piped = subprocess.run(

@@ -153,6 +153,7 @@ for replacement in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_programs_where_it_has_taken_the_place_of_opencv() -> None:
     command = [sys.executable, "-c", PROGRAM, *REPLACEMENTS.values()]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)

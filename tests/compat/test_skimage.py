@@ -53,6 +53,7 @@ def test_signature_is_the_same() -> None:
     assert [(p.name, p.kind, p.default) for p in ours] == [(p.name, p.kind, p.default) for p in theirs]
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 99),
     orientations=st.integers(1, 16),
@@ -182,6 +183,7 @@ def test_tensors_are_described_as_arrays_are(dtype: torch.dtype, colour: bool) -
             assert ours.numpy().dtype == theirs.dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("norm", NORMS)
 def test_tensors_have_derivatives(norm: str) -> None:
     image = torch.rand(6, 8, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()

@@ -73,6 +73,7 @@ def test_a_pipe_is_refused_at_once(name: str, tmp_path: Path) -> None:
     assert reader().read(name.partition(".")[0], tmp_path / name).outcome == "refused"
 
 
+@pytest.mark.slow
 @parts
 def test_damaged_files(part: int) -> None:
     outcomes = examine(check_mutated, cases, 300, part)

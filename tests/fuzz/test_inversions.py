@@ -90,11 +90,13 @@ def check(case: Case) -> str:
     return "inverted"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", stored_cases("inversions", Case))
 def test_cases_that_once_failed(case: Case) -> None:
     check(case)
 
 
+@pytest.mark.slow
 @parts
 def test_random_cases(part: int) -> None:
     examine(check, cases(), 20, part)

@@ -164,11 +164,13 @@ def running(process: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [("hog", [0.3, 0.8]), ("prior", [0.7])])
 def test_killed_commands(case: tuple[str, list[float]]) -> None:
     check(case)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "parts_of_it", "count"),
     [("table1", "out/work/*/*.npz", 6), ("dataset", "out.parquet/part-*.parquet", 600)],
@@ -200,7 +202,7 @@ def test_interrupted_and_then_killed(command: str, parts_of_it: str, count: int)
     assert results(folder) == undisturbed(command)[1]
 
 
-@pytest.mark.slow
+@pytest.mark.xslow
 @parts
 def test_random_kills(part: int) -> None:
     examine(check, cases, 4, part)

@@ -164,6 +164,7 @@ def test_cases_that_once_failed(case: Case) -> None:
     check(case)
 
 
+@pytest.mark.slow
 @parts
 def test_random_cases(part: int) -> None:
     examine(check, cases(), 120, part)

@@ -135,6 +135,7 @@ def test_others_are_not(channels: int, spec: Any) -> None:
         hog((255 * images).byte(), spec)
 
 
+@pytest.mark.slow
 def test_a_line_is_warned_of_once() -> None:
     """After the first call, which may compile: changes of Python's filters, as of libraries that load, begin anew."""
     program = """import torch, nablahog

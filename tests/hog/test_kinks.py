@@ -73,6 +73,7 @@ def test_bin_centre_has_mean_derivative(preset: str, gx: float, gy: float, dtype
     assert_close(analytic(f, at.to(dtype), across.to(dtype)), mean.to(dtype), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_bin_centre_has_mean_derivative_for_any_number_of_bins(dtype: torch.dtype) -> None:
     """Multiples of 90° that are bin centres: the vote of that bin has derivative 0 across."""

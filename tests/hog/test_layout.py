@@ -45,6 +45,7 @@ def test_there_and_back(name: str, rows: int, cols: int, batch: int) -> None:
     assert torch.equal(to_layout(from_layout(native, s, size), s), native)
 
 
+@pytest.mark.slow
 def test_patches_of_maskfeat() -> None:
     """The k-th entry of a patch: its channel first, then its row, then its column of cells."""
     s = presets.maskfeat(nbins=4, layout="tokens")

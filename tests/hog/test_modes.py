@@ -168,9 +168,10 @@ def fresh_compiler() -> Iterator[None]:
     torch._dynamo.reset()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fresh_compiler")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of PyTorch's own modules, when inductor is loaded
-@pytest.mark.parametrize("backend", ["aot_eager", pytest.param("inductor", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("backend", ["aot_eager", pytest.param("inductor", marks=pytest.mark.xslow)])
 @pytest.mark.parametrize(("name", "steps"), COMPILED)
 def test_compiled_equals_eager(name: str, steps: Backend, backend: str) -> None:
     """In one graph."""
@@ -217,6 +218,7 @@ def _with_gradient(step: Any, x: Tensor) -> tuple[Tensor, Tensor]:
     return output.detach(), torch.autograd.grad(output, x, waves(output))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "uoctti", "opencv"])
 @pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor that is not a leaf")  # read by PyTorch 2.14's check
 def test_operators_pass_opcheck(name: str) -> None:

@@ -94,6 +94,7 @@ def test_descriptor(new: HOGSpec) -> None:
     assert new.image_size(*new.grid(16, 24)) == (16, 24)
 
 
+@pytest.mark.slow
 def test_derivatives(new: HOGSpec) -> None:
     assert_jacobian_equals_central_differences(noise(1, 1, 8, 9), new)
     images = noise(1, 1, 8, 12).requires_grad_()
@@ -113,6 +114,7 @@ def test_streamed(new: HOGSpec) -> None:
     assert_close(got, expected, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_reconstructed(new: HOGSpec) -> None:
     y, x = torch.meshgrid(torch.linspace(-1, 1, 40), torch.linspace(-1, 1, 32), indexing="ij")
     image = torch.sigmoid(15 * (0.6 - torch.hypot(x, y)))[None, None]

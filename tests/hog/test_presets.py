@@ -86,6 +86,7 @@ def test_opencvs_sizes_are_width_and_height() -> None:
 # --- what they have in common ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_dpm_in_the_middle_of_a_continuous_image_is_piotrs() -> None:
     """Whose boundaries, borders and outermost cells are others, and images in 0…1; see the preset."""
     image = noise(1, 3, 48, 56)

@@ -99,6 +99,7 @@ def test_mirrored_image_has_permuted_descriptor(
     assert_close(hog(image.flip(dim), s), expected, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 @given(seed=seeds, axis=st.sampled_from("xy"), name=st.sampled_from(["paper", "paper-robust", "uoctti"]))
 def test_mirrored_bytes_have_mirrored_derivatives(seed: int, axis: str, name: str) -> None:
     """Full of gradients on bin centres, where a one-sided derivative would prefer a sense of rotation."""

@@ -54,6 +54,7 @@ def test_equals_reference_on_bytes(name: str) -> None:
     assert_equals_reference(integers(1, 3, 12, 12, levels=4), SPECS[name])
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=150)
 def test_any_dialect_equals_reference(data: st.DataObject) -> None:

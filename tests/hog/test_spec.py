@@ -31,6 +31,7 @@ from .zoo import SPECS, spec
 # --- JSON ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(s=specs(), name=st.text())
 def test_json_round_trip(s: HOGSpec, name: str) -> None:
     s = dataclasses.replace(s, name=name)

@@ -163,6 +163,7 @@ def test_rows_that_are_others_than_announced(gives: Any) -> None:
         list(stream(image, presets.uoctti()))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no peak of memory to read")
 @pytest.mark.parametrize("name", ["uoctti", "paper"])
 def test_the_peak_of_memory(name: str, tmp_path: Path) -> None:

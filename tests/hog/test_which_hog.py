@@ -76,6 +76,7 @@ def test_values(name: str) -> None:
         assert wrong > 1
 
 
+@pytest.mark.slow
 def test_cells_that_have_settled_are_left_out_of_later_rounds() -> None:
     """What is found is that of all rounds for all cells; cells of two images, in several parts."""
     generator = torch.Generator().manual_seed(0)

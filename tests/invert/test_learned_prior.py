@@ -109,6 +109,7 @@ def test_what_a_prior_expects_is_shown_first() -> None:
     assert_close(seen[0][0][:, 0], default_prior(UOCTTI).expected(descriptor, UOCTTI, (64, 64)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [presets.opencv(), presets.dpm()], ids=lambda spec: spec.name)
 def test_the_packages_priors_are_the_default(spec: HOGSpec) -> None:
     """For unsigned descriptors, the signed one adds details to what the unsigned one expects."""
@@ -170,6 +171,7 @@ def test_samples_and_their_agreement(spec: HOGSpec) -> None:
         assert 0.05 < float(agreement) < 0.999
 
 
+@pytest.mark.slow
 def test_draws_depend_on_the_seed_and_are_negatives_as_often_as_the_prior_thinks() -> None:
     before = torch.get_rng_state()
     descriptor, prior = hog(photograph(64), "paper"), default_prior("paper")

@@ -125,6 +125,7 @@ def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
     assert alone.evaluations[0] == result.evaluations[0]
 
 
+@pytest.mark.slow
 @every_minimiser
 def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> None:
     descriptor, few = hog(photograph(48), SPEC), Search(minimiser, max_evaluations=60)

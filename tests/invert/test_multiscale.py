@@ -52,6 +52,7 @@ def test_a_scale_is_a_square_that_divides_cell_and_image() -> None:
             level_spec(presets.paper(cell), scale, size)
 
 
+@pytest.mark.slow
 def test_scale_descriptors_are_those_of_averaged_images() -> None:
     image = torch.cat([photograph(64), photograph(64, "coins")])[..., :48].double()
     result = scale_descriptors(image, PAPER)
@@ -133,6 +134,7 @@ def test_a_level_without_texture_does_not_end_those_after_it() -> None:
     assert result[-1].reconstruction.distance.item() < 0.5
 
 
+@pytest.mark.slow
 def test_the_last_level_has_the_descriptors_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     spec, scales = presets.uoctti(8), (16, 4, 1)
     inputs = scale_descriptors(photograph(64), spec, scales)
@@ -167,6 +169,7 @@ def test_batch_equals_loop_and_the_seed_decides(name: str, more: bool) -> None:
         assert not torch.equal(one, another)
 
 
+@pytest.mark.slow
 def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
     for picture in ("camera", "coins", "coffee"):
         descriptor = hog(photograph(32, picture), PAPER)

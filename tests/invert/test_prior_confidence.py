@@ -15,6 +15,7 @@ from .photographs import photograph
 from .prior_dialects import FEW, PAPER, UNSIGNED
 
 
+@pytest.mark.slow
 def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
     for spec in UNSIGNED.values():
         image = photograph(64)

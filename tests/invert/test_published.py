@@ -80,6 +80,7 @@ def test_the_preconditioner_is_the_laplacian_plus_a_share_of_the_diagonal() -> N
         assert 0.3 < float(rest.mean()) / (DIAGONAL_SHARE * float(of_hog)) < 3
 
 
+@pytest.mark.slow
 def test_finds_an_image_from_noise_and_keeps_the_iterates() -> None:
     descriptor = hog(photographs(1, 24), SPEC)
     result = reconstruct(descriptor, SPEC, method=AsPublished(iterations=6, keep_iterates=True))

@@ -57,6 +57,7 @@ def test_the_returned_image_explains_the_descriptor(name: str) -> None:
     assert result.history[-1, 0] < result.history[0, 0]
 
 
+@pytest.mark.slow
 def test_photographs_come_back_and_better_the_more_is_spent() -> None:
     images = torch.cat([photograph(64, name) for name in ("camera", "astronaut", "coffee")])
     descriptors = hog(images, UOCTTI)
@@ -133,6 +134,7 @@ def test_images_of_a_few_pixels(size: tuple[int, int], spec: HOGSpec) -> None:
     assert torch.isfinite(result.history).all()
 
 
+@pytest.mark.slow
 def test_samples_need_evaluations_and_agree_on_what_the_seed_does_not_decide() -> None:
     spec = SPECS["signed-global"]
     descriptor = hog(photograph(32), spec)

@@ -53,6 +53,7 @@ def trained(images: dict[str, Tensor], kind: str = "signed", **options: Any) -> 
 # --- the loop
 
 
+@pytest.mark.slow
 def test_the_learning_rate_rises_in_a_tenth_and_falls_by_half_cosines() -> None:
     for steps in (100, 250):
         optimizer = torch.optim.AdamW([nn.Parameter(torch.zeros(1))], 1.0)
@@ -67,6 +68,7 @@ def test_the_learning_rate_rises_in_a_tenth_and_falls_by_half_cosines() -> None:
             assert rate == pytest.approx(2 * (low + (1 - low) * (1 - math.cos(math.pi * done)) / 2))
 
 
+@pytest.mark.slow
 @every_kind
 def test_an_interrupted_training_is_resumed_with_the_same_result(
     tmp_path: Path, images: dict[str, Tensor], kind: str
@@ -86,6 +88,7 @@ def test_an_interrupted_training_is_resumed_with_the_same_result(
     assert [file.name for file in tmp_path.iterdir()] == ["kept"]
 
 
+@pytest.mark.slow
 def test_the_seed_and_the_images_decide(images: dict[str, Tensor]) -> None:
     first, second = trained(images), trained(dict(reversed(images.items())))
     assert torch.equal(first.weights, second.weights)
@@ -97,6 +100,7 @@ def test_the_seed_and_the_images_decide(images: dict[str, Tensor]) -> None:
     assert trained({**images, "brick": images["coins"]}).learning.sha256 != first.learning.sha256
 
 
+@pytest.mark.slow
 def test_training_lowers_the_loss_in_either_precision(images: dict[str, Tensor]) -> None:
     losses = trained(images, epochs=15).learning.losses
     assert sum(losses[-5:]) < 0.95 * sum(losses[:5])
@@ -112,6 +116,7 @@ def test_bfloat16_is_the_default_where_a_gpu_has_instructions_for_it(monkeypatch
         assert default_precision(torch.device("cpu")) == "float32"
 
 
+@pytest.mark.slow
 def test_going_on_from_another_prior(tmp_path: Path, images: dict[str, Tensor]) -> None:
     start = trained(images)
     further = trained(images, start=start, seed=1)
@@ -352,6 +357,7 @@ def test_a_calibration_finds_the_numbers_that_its_observations_are_as_likely_as(
     assert calibration.fit(observed) == pytest.approx(expected, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_prior_that_was_calibrated_says_so_in_its_file(tmp_path: Path) -> None:
     prior = calibration.calibrate(tiny_models.prior(PAPER), {k: image[:40, :40] for k, image in patches(8).items()})
     assert len(prior.learning.calibration) == len(Calibration._fields)

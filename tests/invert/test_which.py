@@ -20,7 +20,7 @@ Array = NDArray[np.floating]
 COLOUR = data.astronaut()[40:168, 190:254]  # 128x64
 GRAY = data.camera()[100:228, 200:264]
 SQUARES = ("astronaut", "camera", "coffee", "chelsea")
-slow = partial(pytest.param, marks=pytest.mark.slow)
+xslow = partial(pytest.param, marks=pytest.mark.xslow)
 
 
 def photograph(name: str = "astronaut", width: int = 64, height: int = 128) -> NDArray[np.uint8]:
@@ -233,6 +233,7 @@ def test_a_pattern_is_not_taken_for_windows() -> None:
     assert which_hog(nablahog.hog(stripes, "opencv", layout="native")).candidates[0].count == 1
 
 
+@pytest.mark.slow
 def test_what_no_check_tells_is_said() -> None:
     vector = feature.hog(COLOUR, channel_axis=-1, transform_sqrt=True)
     found = which_hog(vector)
@@ -246,6 +247,7 @@ def test_what_no_check_tells_is_said() -> None:
     assert which_hog(ours("paper")).assumed == ""
 
 
+@pytest.mark.slow
 def test_one_dialect_is_not_decided_against_its_numbers() -> None:
     """Neither where it is the only one to try."""
     for array in (np.random.default_rng(0).random(3780), 3 * opencv(), skimage(cells_per_block=(2, 2))):
@@ -268,6 +270,7 @@ def test_dialects_that_there_are_not(dialects: dict[str, dict[str, Any]], words:
         which_hog(np.zeros(3780), dialects=dialects)
 
 
+@pytest.mark.slow
 def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
     noise = np.random.default_rng(0).random(1764)
     assert "exactly 1" in which_hog(noise / noise.max()).remark
@@ -283,7 +286,8 @@ def test_numbers_that_are_scaled_or_equal_are_remarked_on() -> None:
     assert "undecided" in repr(found)
 
 
-@pytest.mark.parametrize("name", ["opencv", "uoctti", *map(slow, ("cnn_hog", "dpm", "skimage", "maskfeat"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["opencv", "uoctti", *map(xslow, ("cnn_hog", "dpm", "skimage", "maskfeat"))])
 def test_the_candidates_of_bytes_are_those_of_the_numbers_divided_by_255(name: str) -> None:
     found = which_hog(255 * ours(name).ravel())
     assert not found.decided_by
@@ -291,6 +295,7 @@ def test_the_candidates_of_bytes_are_those_of_the_numbers_divided_by_255(name: s
     assert found.candidates[: found.likely] == recognise(name).candidates[:1]
 
 
+@pytest.mark.slow
 def test_a_factor_is_named_only_if_something_holds_at_that_scale() -> None:
     """What adds up does at any; the largest entry here is a texture, which is no clip."""
     vector = ours("dpm").ravel()
@@ -298,7 +303,8 @@ def test_a_factor_is_named_only_if_something_holds_at_that_scale() -> None:
         assert "they may be" not in which_hog(original / vector.max()).remark
 
 
-@pytest.mark.parametrize("name", ["vlfeat", "dpm", slow("cnn_hog")])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vlfeat", "dpm", xslow("cnn_hog")])
 def test_numbers_in_reverse_order_are_remarked_on(name: str) -> None:
     found = which_hog(ours(name).ravel()[::-1])
     assert not found.decided_by
@@ -306,6 +312,7 @@ def test_numbers_in_reverse_order_are_remarked_on(name: str) -> None:
     assert found.candidates[: found.likely] == recognise(name).candidates[:1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "aubry", "seeing3d"])
 def test_what_nothing_exact_holds_of_is_not_decided(name: str) -> None:
     found = which_hog(ours(name))
@@ -313,6 +320,7 @@ def test_what_nothing_exact_holds_of_is_not_decided(name: str) -> None:
     assert name in {candidate.preset for candidate in found.candidates[: found.likely]}
 
 
+@pytest.mark.slow
 def test_numbers_of_no_preset_are_not_decided() -> None:
     random = np.random.default_rng(0)
     for shape in ((3968,), (8, 8, 31), (5, 1764), (20, 20, 9)):
@@ -322,6 +330,7 @@ def test_numbers_of_no_preset_are_not_decided() -> None:
         which_hog(np.full(36, np.nan))
 
 
+@pytest.mark.slow
 def test_columns_of_data_frames_and_summaries() -> None:
     vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
     column = np.empty(2, object)
@@ -332,6 +341,7 @@ def test_columns_of_data_frames_and_summaries() -> None:
     assert found.decided_by in repr(found)
 
 
+@pytest.mark.slow
 def test_histograms_of_another_length_are_not_told_by_how_alike_neighbours_are() -> None:
     """Channels one after the other are those of half as many orientations in twice as many rows, and add up as well."""
     names = ("camera", "astronaut", "coffee", "coins", "chelsea", "rocket", "cat", "hubble_deep_field")

@@ -39,6 +39,7 @@ def test_a_folder(folder: Path) -> None:
     assert read.ignored == ["below.png", "notes.txt"]
 
 
+@pytest.mark.slow
 def test_folders_below(folder: Path) -> None:
     for name in ("chairs", "below.png/more", ".hidden"):
         (folder / name).mkdir(parents=True)

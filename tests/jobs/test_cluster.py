@@ -70,6 +70,7 @@ def started(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
             process.wait(30)
 
 
+@pytest.mark.slow
 def test_deaths_and_failures() -> None:
     """A job that takes its worker with it is named; those that waited for it are done."""
     jobs = [job(DARK), job(KILLED), job(MISTAKEN), job(DARK, seed=1)]
@@ -81,6 +82,7 @@ def test_deaths_and_failures() -> None:
     assert str(output[2]).startswith("KeyError at fakes.py:")
 
 
+@pytest.mark.slow
 def test_an_existing_cluster(scheduler: str) -> None:
     jobs = [job(DARK, seed=seed) for seed in (0, 1, 2, 3, 4, 4)]  # equal ones, too, are all done
     begun: list[int] = []
@@ -95,7 +97,7 @@ def test_left_early(scheduler: str) -> None:
     assert len(dict(run_on_cluster([job(DARK)], cluster=scheduler))) == 1  # it is still there
 
 
-@pytest.mark.slow  # Dask tries to connect again for half a minute
+@pytest.mark.xslow  # Dask tries to connect again for half a minute
 def test_a_lost_scheduler(tmp_path: Path) -> None:
     with started(tmp_path) as (address, process):
         outcomes = run_on_cluster([job(DARK, seed=seed) for seed in range(2000)], cluster=address)
@@ -134,6 +136,7 @@ def test_no_jobs() -> None:
     assert list(run_on_cluster([], cluster="tcp://nowhere:1")) == []
 
 
+@pytest.mark.slow
 def test_carried_files(tmp_path: Path) -> None:
     asked = tmp_path / "there" / "chair.off"
     assert local_path(asked) == asked

@@ -42,6 +42,7 @@ def check_as_alone(job: ReconstructionJob, result: JobResult | str) -> None:
     assert np.array_equal(result.pictures, alone.pictures)
 
 
+@pytest.mark.slow
 def test_deaths_and_failures(tmp_path: Path) -> None:
     jobs = [
         job(DARK),
@@ -62,6 +63,7 @@ def test_deaths_and_failures(tmp_path: Path) -> None:
     assert str(output[3]).startswith("KeyError at fakes.py:")
 
 
+@pytest.mark.slow
 def test_a_death_beside_others() -> None:
     """Jobs at work when a process dies are done all the same."""
     output = dict(run_jobs([job(KILLED), *(job(DARK, seed=seed) for seed in range(3))], workers=2))
@@ -70,6 +72,7 @@ def test_a_death_beside_others() -> None:
     assert all(isinstance(result, JobResult) for result in output.values())
 
 
+@pytest.mark.slow
 def test_left_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """No worker is left, and the parent is as before."""
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)

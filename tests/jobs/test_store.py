@@ -123,6 +123,7 @@ def test_every_key_is_of_the_whole_package(tmp_path: Path, monkeypatch: pytest.M
     assert {kind for kind, key in after.items() if key == before[kind]} == set()
 
 
+@pytest.mark.slow
 def test_the_key_of_a_data_set_is_of_all_that_describes(tmp_path: Path) -> None:
     """What a process loads that writes a shard, and nothing that tells of its progress."""
     code = """

@@ -35,6 +35,7 @@ def run(program: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", program], env=inherited | environment, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize(("wanted", "size"), [("v2", 16), ("v3", 32), ("v4", 64)])
 def test_the_best_instructions_allowed(wanted: str, size: int) -> None:
@@ -49,6 +50,7 @@ def test_the_best_instructions_allowed(wanted: str, size: int) -> None:
     assert int(ended.stdout) == {0: 16, 2: 16, 3: 32, 4: 64}[level] <= size
 
 
+@pytest.mark.slow
 @compiled
 def test_loops_for_another_processor_alone(tmp_path: Path) -> None:
     """Of a checkout that was copied: they are not run."""
@@ -62,6 +64,7 @@ def test_loops_for_another_processor_alone(tmp_path: Path) -> None:
     assert "no compiled loops for this processor" in ended.stderr
 
 
+@pytest.mark.slow
 def test_none_are_taken_without_a_warning() -> None:
     ended = run(f"import warnings; warnings.simplefilter('error'){HOG}", NABLAHOG_INSTRUCTIONS="none")
     assert (ended.stdout, ended.stderr) == ("False\n", "")
@@ -72,6 +75,7 @@ def test_unknown_instructions_are_refused() -> None:
     assert "NABLAHOG_INSTRUCTIONS must be one of none, v2, v3, v4" in ended.stderr
 
 
+@pytest.mark.slow
 def test_no_library_is_one_warning(tmp_path: Path) -> None:
     ended = run(HOG, NABLAHOG_NATIVE=str(tmp_path))
     assert ended.stdout == "False\n", ended.stderr
@@ -79,6 +83,7 @@ def test_no_library_is_one_warning(tmp_path: Path) -> None:
     assert "install a C++ compiler" in ended.stderr
 
 
+@pytest.mark.slow
 @compiled
 def test_a_source_that_has_changed_is_not_ignored(tmp_path: Path) -> None:
     copy = shutil.copytree(HERE.parent, tmp_path / "nablahog", ignore=shutil.ignore_patterns("__pycache__", "*.npz"))

@@ -83,6 +83,7 @@ class Pixels:
         return grad_image.flatten(1)
 
 
+@pytest.mark.slow
 def test_steps_of_an_inversion_are_those_of_chumpy() -> None:
     spec = presets.paper(4)
     generator = torch.Generator().manual_seed(0)

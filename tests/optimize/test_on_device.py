@@ -143,6 +143,7 @@ def test_the_dogleg_does_what_it_does_on_a_cpu(
     same(*results, rounding=0)
 
 
+@pytest.mark.slow
 def test_the_dogleg_waits_once_a_trial(on_device: Callable[..., Minimum], monkeypatch: pytest.MonkeyPatch) -> None:
     """But for reading what has become of a trial, steps and trials ask for no number."""
     trials, look = 0, DoglegSearch.look

@@ -22,6 +22,7 @@ def problem() -> PoseInput:
     return PoseInput(image, box, {"wooden": model()}, (190.0, 70.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "paper-edges"])
 def test_the_papers_methods_begin_where_the_baseline_ends(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     settings = Table2Settings(exemplars=Path(tmp_path_factory.getbasetemp()) / "exemplars")

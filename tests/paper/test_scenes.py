@@ -30,6 +30,7 @@ def _scene(index: int, settings: SceneSettings, seed: int = 0) -> Scene:
     return scene(index, MODELS, VIEWS, [RAMP, NOISE], seed=seed, settings=settings)
 
 
+@pytest.mark.slow
 def test_truth_is_where_the_object_is_seen() -> None:
     seen = set()
     for index in range(12):
@@ -57,6 +58,7 @@ def test_poses_come_from_the_viewpoints() -> None:
         assert made.initial[2:].tolist() == [3.25, 0, 0, 0]
 
 
+@pytest.mark.slow
 def test_box_errors_have_the_given_size() -> None:
     settings = replace(CLEAN, size=256, box_jitter=0.02)
     errors = []

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pytest
 
 from .stored_tables import STORED, texts
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-\d+)?")
 
 
+@pytest.mark.slow
 def test_files_pages_and_the_terminal() -> None:
     """Numbers up to rounding; ``python -m tests.paper.stored_tables`` writes what is stored."""
     for name, text in texts().items():

@@ -109,6 +109,7 @@ def turn_box(box: tuple[float, float, float, float], quarters: int) -> tuple[flo
     return *corners.min(axis=0) + 50, *corners.max(axis=0) + 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["brick", "coins"])
 def test_a_model_that_is_not_there_has_a_low_confidence(name: str) -> None:
     estimate = estimate_pose(sample_photograph(name), sample_chairs()["wooden-0"])

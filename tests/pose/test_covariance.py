@@ -202,6 +202,7 @@ def scenes(count: int) -> list[Scene]:
     return [scene(k, sample_chairs(), viewpoints, clutter, seed=6) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_scenes_have_their_true_poses_within_a_few_standard_deviations() -> None:
     """In a chi-squared test of 16 scenes; ``benchmarks/covariance.py`` has the coverage of many."""
     ratios = []

@@ -131,6 +131,7 @@ def test_the_papers_similarity(clean: Scene) -> None:
     assert degrees_between(estimate.azimuth, 215) < 10
 
 
+@pytest.mark.slow
 def test_another_background(clean: Scene) -> None:
     image, box = clean
     background = default_background(presets.uoctti(16, colour="gray"), 4)
@@ -138,6 +139,7 @@ def test_another_background(clean: Scene) -> None:
     assert degrees_between(estimate.azimuth, 215) < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image", [torch.full((1, 60, 50), 0.5), torch.zeros(3, 200, 200)])
 def test_where_there_is_nothing_to_see_any_pose_will_do(image: Tensor) -> None:
     for models in (model(), {"a": model(WOODEN), "b": model(SWIVEL)}):

@@ -42,6 +42,7 @@ def result(descriptor: Tensor, background: Background) -> Elements:
     return elements(descriptor, background, (4, 5), count=None, threshold=1.2)
 
 
+@pytest.mark.slow
 def test_they_are_patches_of_the_descriptor(result: Elements, descriptor: Tensor, background: Background) -> None:
     assert len(result) > 5
     assert repr(result).startswith(f"<Elements: {len(result)} of ")
@@ -104,7 +105,7 @@ def test_weights(result: Elements, background: Background) -> None:
     assert_close(result.weights[~empty], background.whiten(result.patches)[~empty])
 
 
-@pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (0, 5, 9)])
+@pytest.mark.parametrize("shape", [(16, 20, 9), (3, 20, 9), (20, 3, 9), (0, 5, 9)])
 def test_nothing_there(background: Background, shape: tuple[int, ...]) -> None:
     for threshold in (0.0, 2.0) if shape[0] < 5 or shape[1] < 5 else (1.0, 2.0):
         none = elements(torch.zeros(shape), background, threshold=threshold)

@@ -155,6 +155,7 @@ def test_runners_up_are_no_symmetric_views() -> None:
     assert [(one.azimuth, share) for one, share in others.items()] == [(90, 0.75), (270, 0.5)]
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_the_pose_and_count_all_renderings() -> None:
     image, box = photographed(model(), 30, 15)
     others = {"swivel": model(SWIVEL), "wooden": model(6)}

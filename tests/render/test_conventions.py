@@ -87,6 +87,7 @@ def by_pytorch3d(rotation: Floats, translation: Floats, fov: float, height: int,
     return np.stack([width / 2 - scale * x / z, height / 2 - scale * y / z], axis=1)
 
 
+@pytest.mark.slow
 @given(AZIMUTH, ELEVATION, THETA, st.floats(1.5, 20), st.floats(5, 120))
 def test_pytorch3d(azimuth: float, elevation: float, theta: float, distance: float, fov: float) -> None:
     rotation, translation = look_at(azimuth, elevation, distance)

@@ -135,6 +135,7 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(obj_file, "MAX_FACES", 1)
     with pytest.raises(ValueError, match="at most 1 faces are allowed, got 2"):
         load_mesh(write(tmp_path, "a.obj", TRIANGLE + "f 1 2 3\n"))
+    assert load_mesh(write(tmp_path, "a.obj", TRIANGLE)).faces.shape == (1, 3)
     nested = triangle_glb(nodes=[{"mesh": 0, "children": [1]}, {"children": [2]}, {}])
     monkeypatch.setattr(gltf_checks, "MAX_LEVELS", 3)
     load_mesh(write(tmp_path, "a.glb", nested))

@@ -114,6 +114,7 @@ def by_the_rule(mesh: Mesh, numbers: Floats, background: Floats) -> tuple[Floats
     return image, derivative
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "at", [pose(33.3, 27.7, 13.1, 7.7, 0.6, -1.1), pose(-62, 5, 13, -20, 1.2, 0.7)], ids=["above", "side"]
 )

@@ -113,6 +113,7 @@ def shaded(one: Mesh, light: Light = LIGHT) -> Tensor:
     return corner_brightness(one, smoothing_groups(one), light)
 
 
+@pytest.mark.slow
 def test_the_sides_of_a_box() -> None:
     """Opposite sides alike: |n·l|.  The default light tells all three apart."""
     length = math.sqrt(1 + 4 + 9)
@@ -135,6 +136,7 @@ def test_smooth_sides_and_sharp_rims() -> None:
     assert (normals * radial).sum(2).abs()[sides].min() > math.cos(math.radians(15 / 4))
 
 
+@pytest.mark.slow
 def test_derivatives() -> None:
     one = cylinder(9)
     smooth = smoothing_groups(one)

@@ -53,6 +53,7 @@ def test_files(tmp_path: Path, array: NDArray[np.float32], kind: str, ending: st
     assert torch.equal(result.descriptor.double(), torch.from_numpy(values.astype(np.float64)).permute(1, 2, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [{}, {"preset": "opencv"}, {"preset": "opencv", "image_size": (128, 64)}])
 def test_windows_in_one_row_are_rows(tmp_path: Path, asked: dict[str, Any]) -> None:
     cv2 = pytest.importorskip("cv2")
@@ -70,6 +71,7 @@ def test_windows_in_one_row_are_rows(tmp_path: Path, asked: dict[str, Any]) -> N
         read_stored(str(tmp_path / "v.npy"), GlyphRequest(**asked, row=3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(-1,), (1, -1), (-1, 1)])
 def test_a_single_row_may_be_chosen(tmp_path: Path, array: NDArray[np.float32], shape: tuple[int, ...]) -> None:
     np.save(tmp_path / "v.npy", array.reshape(shape))
@@ -104,6 +106,7 @@ def asked_for(array: NDArray[Any], **request: Any) -> str:
     return " ".join(words(identify(array, GlyphRequest(**request))[0], GlyphRequest))
 
 
+@pytest.mark.slow
 def test_what_was_set_is_kept() -> None:
     """Cells of 4 pixels: an image of 32x32, not of 64x64."""
     image = data.camera()[100:132, 200:232]
@@ -131,6 +134,7 @@ def advice(array: NDArray[Any], **request: Any) -> str:
     return "" if found is None else " ".join(words(found.request, GlyphRequest))
 
 
+@pytest.mark.slow
 def test_what_to_ask_for_instead() -> None:
     """Of a wrong size, exchanged sides, other cells and another preset, as far as the numbers decide."""
     gray, colour = data.camera()[:128, 190:318], data.astronaut()[:128, 190:350]
@@ -166,6 +170,7 @@ def test_numbers_that_contradict_the_preset_are_remarked_on(tmp_path: Path, fact
     assert (f"divided by {factor} they may be opencv()" if factor else "all equal") in found.advice.remark
 
 
+@pytest.mark.slow
 def test_all_suggestions_work_as_they_stand() -> None:
     for shape in ((5, 4, 32), (31, 4, 5), (324,), (16, 108)):
         array = np.random.default_rng(0).random(shape)
@@ -207,6 +212,7 @@ def test_the_windows_of_opencvs_people_detectors(tmp_path: Path, length: int, si
         read_templates(str(tmp_path / "longer.npy"), GlyphRequest())
 
 
+@pytest.mark.slow
 def test_a_descriptor_that_opencv_saved(tmp_path: Path) -> None:
     hog, path = HOGDescriptor(), str(tmp_path / "hog.yml")
     hog.save(path)

@@ -148,6 +148,7 @@ histograms_jvp(images, images, spec)
 """
 
 
+@pytest.mark.slow
 def test_pytorch_does_not_warn_of_its_own_forward_mode() -> None:
     ended = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr

@@ -11,7 +11,10 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 
+
+@pytest.mark.slow
 def test_it_serves_until_it_is_interrupted(photo: str) -> None:
     command = [sys.executable, "-m", "nablahog", "app", "--port", "0", photo]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

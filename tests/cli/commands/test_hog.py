@@ -80,8 +80,9 @@ def square(tmp_path: Path) -> str:
     return str(tmp_path / "in" / "photo.png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in OPTIONS]
+    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.xslow]) for name in OPTIONS]
 )
 def test_there_and_back(tmp_path: Path, square: str, name: str) -> None:
     options, spec = OPTIONS[name]

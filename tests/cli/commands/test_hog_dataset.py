@@ -222,7 +222,7 @@ def test_what_it_refuses(
     )
     assert main(["hog", *[one] * 4, "-o", out, "--quiet"]) == 0
     refused("hog", *[other] * 4, "-o", out, message=f"4 images not among the inputs ({one}, {one}, {one}, …)")
-    refused("hog", one, "-o", out, message="3 images not among the inputs")
+    refused("hog", one, "-o", out, message=f"3 images not among the inputs ({one}, {one}, {one})")
     refused("hog", *[one] * 4, "-o", out, "--preset", "dpm", message="their preset is 'uoctti', not 'dpm'")
     refused("hog", *[one] * 4, "-o", out, "--set", "cell_size=4", message="their cell_size is (8, 8), not (4, 4)")
     refused("hog", *[one] * 4, "-o", out, "--size", "9", message="of images at full size, not at 9 pixels")

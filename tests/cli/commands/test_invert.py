@@ -54,6 +54,7 @@ def test_it_is_the_preimage_of_the_library(tmp_path: Path, photo: str) -> None:
     assert figures[0]["distance"] == pytest.approx(float(expected.distance))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("two_iterations")
 def test_the_papers_search(tmp_path: Path, photo: str, descriptor: str) -> None:
     out = tmp_path / "out"
@@ -78,6 +79,7 @@ def people(tmp_path: Path) -> str:
     return str(tmp_path / "people.npy")
 
 
+@pytest.mark.slow
 def test_opencvs_people_detector_is_recognised(tmp_path: Path, people: str, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "odd.npy", np.ones(17))
     assert main(["invert", people, str(tmp_path / "odd.npy"), "--template", "-o", str(tmp_path / "out")]) == 3
@@ -97,6 +99,7 @@ def test_opencvs_people_detector_is_recognised(tmp_path: Path, people: str, caps
     assert page.index("Skipped inputs") < page.index("odd.npy") < page.index("expected --preset NAME")
 
 
+@pytest.mark.slow
 def test_detectors_without_the_option(
     tmp_path: Path, people: str, refused: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +117,7 @@ def test_detectors_without_the_option(
     assert "--template" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_array_of_a_preset(tmp_path: Path) -> None:
     weights = np.random.default_rng(0).standard_normal((31, 5, 6))
     np.savez(tmp_path / "fhog.npz", svm=weights, other=np.ones(3))
@@ -123,6 +127,7 @@ def test_an_array_of_a_preset(tmp_path: Path) -> None:
         assert picture.size == (64, 56)
 
 
+@pytest.mark.slow
 def test_a_model_of_voc_release5(tmp_path: Path) -> None:
     path = written(tmp_path / "toy.mat")
     assert main(["invert", str(path), "--template", "-o", str(tmp_path / "out")]) == 0
@@ -171,6 +176,7 @@ def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> 
     )
 
 
+@pytest.mark.slow
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "DEMO_SIZE", 64)
     assert main(["demo", "-o", str(tmp_path / "demo")]) == 0

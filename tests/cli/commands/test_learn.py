@@ -53,6 +53,7 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(LEARNED, kind, replace(learner, learn=partial(learner.learn, **few)))
 
 
+@pytest.mark.slow
 @every_kind
 def test_learning(tmp_path: Path, images: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path(images, "x.png").write_bytes(b"no image")
@@ -77,6 +78,7 @@ def test_learning(tmp_path: Path, images: str, kind: str, capsys: pytest.Capture
         assert kind == "bovw" or model.spec == presets.uoctti(8 if kind == "prior" else 4)
 
 
+@pytest.mark.slow
 def test_going_on_from_a_prior(tmp_path: Path, images: str, refused: Callable[..., None]) -> None:
     start, out = tmp_path / "start.npz", tmp_path / "p.npz"
     options = ["--images", images, "--epochs", "1"]
@@ -122,6 +124,7 @@ def test_what_cannot_be_learned(
         refused("learn", kind, "--images", images, "-o", "x.npz", *options, message=message, status=status)
 
 
+@pytest.mark.slow
 def test_interrupted_and_repeated(
     tmp_path: Path, images: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]
 ) -> None:

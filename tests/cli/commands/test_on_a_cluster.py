@@ -54,6 +54,7 @@ def _figures(folder: Path) -> list[dict[str, Any]]:
     return [{name: value for name, value in each.items() if name != "seconds"} for each in figures]
 
 
+@pytest.mark.slow
 def test_invert(tmp_path: Path, photo: str, descriptor: str, sent: list[Any]) -> None:
     """The same results as without; they are stored, and an inversion is repeated for nothing."""
     bad = tmp_path / "bad.npz"
@@ -76,6 +77,7 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, sent: list[Any]) ->
     assert len(sent) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("two_iterations")
 @pytest.mark.parametrize(
     "options",
@@ -104,6 +106,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cluster", [[], OTHER])
 def test_a_data_set_is_inverted(
     tmp_path: Path, dataset: str, sent: list[Any], cluster: list[str], monkeypatch: pytest.MonkeyPatch

@@ -298,6 +298,7 @@ def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_t
     assert read_row(tmp_path)["azimuth_std"] == ""
 
 
+@pytest.mark.slow
 def test_the_files_of_a_calibrated_camera(tmp_path: Path, scene: list[str], run: Run) -> None:
     """Numbers, COLMAP's file and OpenCV's ask for the same; boxes are in pixels of the photograph, as it is."""
     (tmp_path / "cameras.txt").write_text("# one\n7 OPENCV 180 150 300 290 92 73 -0.2 0.05 0.001 0\n")

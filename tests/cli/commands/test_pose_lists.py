@@ -59,6 +59,7 @@ def arguments(tmp_path: Path, *more: str, mesh: str = "models") -> list[str]:
     return ["pose", *listed, "--mesh", str(tmp_path / mesh), "-o", str(tmp_path / "out"), "--workers", "1", *more]
 
 
+@pytest.mark.slow
 def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(arguments(tmp_path, "--focal", "300")) == 0
     assert "a.png" in capsys.readouterr().out

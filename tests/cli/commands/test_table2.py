@@ -67,6 +67,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_scenes_of_procedural_chairs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["table2", "-o", str(out), "--objects", "3", "--methods", "paper,exemplar", "--workers", "1"]) == 0

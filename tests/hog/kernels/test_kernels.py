@@ -160,6 +160,7 @@ def test_which_dialects_have_loops() -> None:
     assert find_loops(SPECS["uoctti"]) is NATIVE_ENGINE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signed", [False, True])
 def test_right_angles_are_kinks_of_any_number_of_bins(signed: bool) -> None:
     """Bin centres at 0° and 90°, where a derivative is the mean of both sides."""
@@ -199,6 +200,7 @@ for s, size in [(presets.vlfeat(cell_size=3), (30, 2)), (presets.dpm(4), (12, 12
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only glibc fills fresh memory")
 def test_no_unwritten_memory_is_read() -> None:
     """Where no column votes, too: fresh memory is filled with 1e306."""

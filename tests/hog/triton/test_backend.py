@@ -77,6 +77,7 @@ def test_triton_on_a_cpu_is_an_error_but_for_tests(monkeypatch: pytest.MonkeyPat
         hog(noise(1, 1, 16, 16), presets.paper(), backend="triton")
 
 
+@pytest.mark.slow
 def test_nothing_of_triton_is_loaded_on_a_cpu() -> None:
     program = """
 import sys, torch, nablahog

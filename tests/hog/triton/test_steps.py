@@ -77,9 +77,10 @@ def rules_of(s: HOGSpec) -> tuple[str, ...]:
 
 # of presets, in float32, too: one for each rule; the others take long in the interpreter
 RULES = {rules_of(SPECS[name]): name for name in PRESETS}.values()
-IN_FLOAT32 = [pytest.param(name, torch.float32, marks=[pytest.mark.slow] * (name not in RULES)) for name in PRESETS]
+IN_FLOAT32 = [pytest.param(name, torch.float32, marks=[pytest.mark.xslow] * (name not in RULES)) for name in PRESETS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "dtype"), [*((name, torch.float64) for name in DIALECTS), *IN_FLOAT32], ids=str)
 def test_cells_and_derivatives_are_those_of_the_reference(name: str, dtype: torch.dtype) -> None:
     """In 14 rows, which one program of the vjp takes."""
@@ -92,6 +93,7 @@ def test_on_kinks_too(name: str) -> None:
     assert_same(integers(1, channels(SPECS[name]), 14, 13, levels=3), SPECS[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bins", [8, 16])
 def test_diagonals_that_are_bin_centres(bins: int) -> None:
     """The reference finds them in float64 only."""
@@ -101,6 +103,7 @@ def test_diagonals_that_are_bin_centres(bins: int) -> None:
         assert_same(x, s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["paper", "uoctti-hard", "dpm", "dlib", "skimage-colour", "opencv", "ties-opencv", "maskfeat"]
 )
@@ -112,7 +115,7 @@ def test_of_bytes_every_vote_is_the_same(name: str) -> None:
     assert_close(got, plain, rtol=0, atol=1e-6 * float(plain.max()))
 
 
-@pytest.mark.slow
+@pytest.mark.xslow
 @pytest.mark.parametrize("case", [case for peer in PEERS for case in cases(peer)], ids=str)
 def test_stored_outputs_of_other_programs(case: Case) -> None:
     """As near as the reference is, whose distance from them ``tests/hog/test_golden.py`` tests."""
@@ -124,6 +127,7 @@ def test_stored_outputs_of_other_programs(case: Case) -> None:
     assert_close(got, plain, rtol=0, atol=1e-6 * max(float(plain.abs().max()), 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
 def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
     x = noise(1, 3, 9, 10).to(dtype)
@@ -135,6 +139,7 @@ def test_halves_are_read_as_they_are(dtype: torch.dtype) -> None:
         assert_close(grad, grad_wide.to(dtype))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uoctti", "cells-separate"])
 def test_any_strides(name: str) -> None:
     """Channels last, a window of a larger image, one turned, and one expanded: without a copy."""
@@ -156,6 +161,7 @@ def test_odd_sizes(shape: tuple[int, ...]) -> None:
         assert_same(noise(*shape), SPECS[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(20, 18), (19, 1), (1, 19)])
 def test_cells_wider_than_what_a_lane_reads_at_once(size: tuple[int, int]) -> None:
     s = spec(cell_size=size, vote="hard", partial_cells="ceil")
@@ -164,6 +170,7 @@ def test_cells_wider_than_what_a_lane_reads_at_once(size: tuple[int, int]) -> No
     assert_close(result, plain, rtol=0, atol=1e-12 * float(plain.max()))
 
 
+@pytest.mark.slow
 def test_planes_that_are_far_apart() -> None:
     """More than 2³¹ numbers from the first channel to the last: places take 64 bits.  Most of it is never touched."""
     apart, s = 1_100_000_000, SPECS["uoctti"]
@@ -183,6 +190,7 @@ def test_an_empty_batch() -> None:
         assert torch.autograd.grad(descriptors.sum(), x)[0].shape == x.shape
 
 
+@pytest.mark.slow
 def test_a_batch_is_its_images_and_every_run_is_the_same() -> None:
     s, x = SPECS["uoctti"], noise(2, 3, 9, 13, dtype=torch.float32).to(DEVICE)
     together = hog(x, s, backend="triton")
@@ -191,6 +199,7 @@ def test_a_batch_is_its_images_and_every_run_is_the_same() -> None:
         assert torch.equal(hog(image[None], s, backend="triton")[0], descriptor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [("paper", math.inf), *((name, math.nan) for name in ("uoctti", "skimage", "cells-separate"))],
@@ -204,6 +213,7 @@ def test_a_pixel_that_is_not_finite_makes_its_image_nan(name: str, value: float)
         assert torch.isfinite(each[0]).all()
 
 
+@pytest.mark.slow
 def test_transforms_and_second_derivatives() -> None:
     s, x = SPECS["uoctti"], noise(2, 1, 8, 8).to(DEVICE)
 
@@ -223,6 +233,7 @@ def test_transforms_and_second_derivatives() -> None:
     assert_close(product("triton"), product("torch"), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "uoctti"])
 def test_the_step_of_graphs_that_were_exported_on_a_cpu(name: str) -> None:
     s, x = SPECS[name], noise(2, 3, 9, 13).to(DEVICE)

@@ -57,6 +57,7 @@ def test_the_database_is_the_images_words(learned: BoVW) -> None:
     assert learned.learning.images == ("brick", "camera", "clock", "coins", "flat")
 
 
+@pytest.mark.slow
 def test_a_patch_is_the_mean_of_its_windows(learned: BoVW) -> None:
     images = _stack()
     both = torch.nn.functional.pad(torch.cat([images, images.flip(3)]), (2, 2, 2, 2), mode="replicate")[:, 0]

@@ -93,6 +93,7 @@ def photographs() -> Tensor:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bilinear", [False, True])
 def test_inverts(photographs: Tensor, bilinear: bool) -> None:
     net = CNNHOG(8, bilinear=bilinear)

@@ -62,6 +62,7 @@ def test_viewpoints_of_the_released_code() -> None:
     assert (poses[:, 2] == 2).all()
 
 
+@pytest.mark.slow
 def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
     camera = Camera(learning.FOCAL, learning.RENDERING_SIDE, learning.RENDERING_SIDE)
     images = Renderer(mesh, camera, light=learning.LIGHT, supersampling=2)(FEW.poses())[:, 0]

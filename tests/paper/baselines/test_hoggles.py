@@ -41,6 +41,7 @@ def _learned() -> PairedDictionary:
 # --- codes
 
 
+@pytest.mark.slow
 def test_codes_are_those_of_another_solver() -> None:
     """Completing the square makes a positive lasso a non-negative least squares problem, where DᵀD has an inverse."""
     common = torch.randn(20)
@@ -100,6 +101,7 @@ def test_the_published_rule(spec: HOGSpec, size: tuple[int, int]) -> None:
     assert float(result.distance[0]) == pytest.approx(float(residual), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_batch_is_its_images(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.paper.baselines.hoggles.WINDOW_BATCH", 2 * 22 * 22)
     descriptors = hog(torch.cat([photograph(64, name) for name in ("camera", "coffee", "astronaut")]), SPEC)
@@ -146,6 +148,7 @@ def test_wrong_contents(tmp_path: Path) -> None:
 # --- learning
 
 
+@pytest.mark.slow
 def test_learning_lowers_the_objective_of_other_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     windows_alone = learn_hoggles(_images(), SPEC, atoms=40, fast=True)
     others = unit(hog_windows(hog(photograph(64, "coffee"), SPEC)).flatten(3).flatten(0, 2))
