@@ -59,13 +59,25 @@ EXAMPLES = dict(documented()) | {
 }
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+PACKAGE = Path(nablahog.__file__).parent
+MODULES = [
+    ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+    for file in sorted(PACKAGE.rglob("*.py"))
+    if ">>> " in file.read_text(encoding="utf-8")
+]
+
+
+def test_every_public_function_has_an_example() -> None:
+    assert [name for name, value in EXAMPLES.items() if ">>> " not in (value.__doc__ or "")] == []
+
+
+@pytest.mark.parametrize("name", MODULES)
 def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of private functions and of methods, too; each with these names and what it imports."""
     monkeypatch.chdir(tmp_path)
     names = {"nablahog": nablahog, "np": np, "torch": torch}
-    finder = doctest.DocTestFinder(recurse=False)
-    tests = finder.find(EXAMPLES[name], name, module=False, globs=names)  # type: ignore[arg-type]
-    assert any(test.examples for test in tests), f"the docstring of nablahog.{name} has no example"
+    tests = [test for test in doctest.DocTestFinder().find(import_module(name), name, globs=names) if test.examples]
+    assert tests, f"no example of {name} is found"
     report: list[str] = []
     for test in tests:
         doctest.DocTestRunner(optionflags=FLAGS).run(test, out=report.append)

@@ -22,6 +22,7 @@ from nablahog.compat.opencv import HOGDescriptor
 from nablahog.invert import template
 
 from ..cli.common import write_off
+from ..io.dpm_models import written
 from .conftest import npy, npz
 from .test_fit import box, until
 from .test_invert import events
@@ -125,6 +126,17 @@ def test_of_a_detector_that_opencv_saved(client: TestClient, tmp_path: Path, run
     of = client.post(f"/api/descriptors?name={file.name}", content=file.read_bytes()).json()
     assert (of["template"], of["image_size"]) == (True, [128, 64])
     said = client.post("/api/hog", json={"descriptor": of["id"]}).json()
+    weights = run(said["snippets"])["weights"]
+    (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
+    np.testing.assert_array_equal(weights, load_descriptor("page.npz").descriptor)
+
+
+@pytest.mark.slow
+def test_of_a_filter_of_a_model(client: TestClient, tmp_path: Path, run: Run) -> None:
+    """Of voc-release5, the second."""
+    file = written(tmp_path / "toy.mat")
+    of = client.post(f"/api/descriptors?name={file.name}&as=template", content=file.read_bytes()).json()
+    said = client.post("/api/hog", json={"descriptor": of["parts"][1]["id"]}).json()
     weights = run(said["snippets"])["weights"]
     (tmp_path / "page.npz").write_bytes(client.get(f"/api/hog/{said['key']}/file").content)
     np.testing.assert_array_equal(weights, load_descriptor("page.npz").descriptor)

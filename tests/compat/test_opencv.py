@@ -187,6 +187,10 @@ sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
+def test_without_a_detector_nothing_is_found() -> None:
+    assert HOGDescriptor().detectMultiScale(np.zeros((128, 64), np.uint8)) == ((), ())
+
+
 @pytest.mark.parametrize(
     "image", [None, np.zeros((128, 64)), *(np.zeros(s, np.uint8) for s in ((128, 64, 4), (128, 63)))]
 )

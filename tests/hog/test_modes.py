@@ -187,6 +187,13 @@ def test_compiled_equals_eager(name: str, steps: Backend, backend: str) -> None:
         assert_close(a.grad, b.grad, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.usefixtures("fresh_compiler")
+def test_compiled_histograms_equal_eager_ones() -> None:
+    s, image = SPECS["uoctti"], noise(1, 3, 24, 16, dtype=torch.float32)
+    in_one_graph = torch.compile(lambda z: histograms(z, s), backend="aot_eager", fullgraph=True)
+    assert_close(in_one_graph(image), histograms(image, s), rtol=0, atol=1e-6)
+
+
 def test_exported_and_traced_graphs_take_other_batches() -> None:
     image, other = noise(2, 3, 16, 16, dtype=torch.float32), noise(3, 3, 16, 16, dtype=torch.float32)
     module = HOG("uoctti")

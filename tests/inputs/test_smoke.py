@@ -12,6 +12,7 @@ import torch
 from PIL import Image
 
 from nablahog.inputs.arrays import as_array, as_mask, as_tensor
+from nablahog.inputs.batches import as_batch
 from nablahog.inputs.boxes import as_box
 from nablahog.inputs.cameras import as_camera, as_view
 from nablahog.inputs.numbers import as_integer, as_number, as_seed, as_size, parse_numbers
@@ -79,6 +80,19 @@ def test_arrays() -> None:
     numbers[:] = [1, 2, 3, 4]
     for array in (numbers, numbers[::-1], numbers[::2], np.array([1, 2], ">f4")):
         assert as_tensor("numbers", array).tolist() == array.tolist()
+
+
+@pytest.mark.parametrize(
+    ("images", "words"),
+    [
+        (Image.new("L", (4, 4)), r"got a PIL image: write \[image\]$"),
+        (np.array([[[0, np.nan]]]), "must be finite"),
+        ([np.zeros((1, 1)), np.array([[np.inf]])], r"images\[1\] must be finite"),
+    ],
+)
+def test_no_batch(images: Any, words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        as_batch("images", images)
 
 
 def test_a_camera() -> None:

@@ -187,6 +187,7 @@ def test_statistics_are_folded_into_the_weights_and_out_of_them() -> None:
     assert_close(made.normalise_a.running_mean, torch.zeros(6))
     assert_close(made(inputs), before, rtol=1e-4, atol=1e-4)
     unfold_statistics(made, lambda: made(inputs))
+    assert not any(layer._forward_pre_hooks for layer in made.modules())
     assert made.training
     assert float(made.normalise_a.running_mean.abs().min()) > 0.1
     assert_close(made(inputs), before, rtol=1e-3, atol=1e-3)  # those of the batch are those that were taken

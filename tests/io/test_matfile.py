@@ -65,6 +65,15 @@ def test_objects_and_functions_are_passed_over(tmp_path: Path) -> None:
     assert read_mat(path)[""] is None
 
 
+@pytest.mark.parametrize("length", [2, 4])
+def test_a_text_of_another_length(tmp_path: Path, length: int) -> None:
+    path = _write(tmp_path / "a.mat", {"a": "abc"}, compressed=False)
+    data = bytearray(path.read_bytes())
+    assert data[164] == 3  # the columns of a
+    data[164] = length
+    assert f"expected text of length {length}, got 3" in _refusal(path, data)
+
+
 def _refusal(path: Path, data: bytes) -> str:
     path.write_bytes(data)
     with pytest.raises(ValueError, match="expected a MATLAB file of version 5, but ") as error:

@@ -136,6 +136,7 @@ def test_cut_out() -> None:
     assert torch.equal(cut_out(image, Box(-9, 5.4, 99, 99), shortest=1), image[:, 5:])
     enlarged = cut_out(image, Box(10, 5, 30, 35), shortest=50)
     assert enlarged.shape == (3, 75, 50)
+    assert cut_out(image, Box(10, 5, 30, 35), shortest=30).shape == (3, 45, 30)
     assert 0 <= enlarged.min() <= enlarged.max() <= 1
     constant = cut_out(torch.full((1, 9, 9), 0.5), Box(0, 0, 4, 3))
     assert constant.shape == (1, 100, 133)

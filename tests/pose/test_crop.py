@@ -71,13 +71,6 @@ def test_brightness_stays_where_it_is(box: tuple[float, ...]) -> None:
     assert_close(crop.image[0, 0][inner], expected[inner], rtol=0, atol=2e-3)
 
 
-def test_without_a_box_it_is_of_the_whole_photograph() -> None:
-    photograph = torch.rand(1, 112, 60)
-    crop = crop_object(photograph)
-    assert (crop.middle, crop.size) == ((30, 56), (60, CROP_FILL))
-    assert_close(crop.image, crop_object(photograph, (0.0, 0.0, 60.0, CROP_FILL)).image)
-
-
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (60.0, 1.25, 90.0, 557.75)])
 def test_the_box_fills_it(box: tuple[float, ...]) -> None:
     crop = crop_object(torch.zeros(1, 600, 300), box)
@@ -85,13 +78,6 @@ def test_the_box_fills_it(box: tuple[float, ...]) -> None:
     assert max(crop.size) == pytest.approx(CROP_FILL)
     assert crop.size[0] / crop.size[1] == pytest.approx((box[2] - box[0]) / (box[3] - box[1]))
     assert crop.middle == ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
-
-
-def test_without_a_box_it_is_of_the_whole_photograph() -> None:
-    photograph = torch.rand(1, 112, 60)
-    crop = crop_object(photograph)
-    assert (crop.middle, crop.size) == ((30, 56), (60, CROP_FILL))
-    assert_close(crop.image, crop_object(photograph, (0.0, 0.0, 60.0, CROP_FILL)).image)
 
 
 @pytest.mark.parametrize("box", [(10.0, 20.0, 38.0, 60.0), (200.0, 20.0, 290.0, 110.0)])

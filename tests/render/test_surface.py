@@ -174,6 +174,10 @@ def test_no_vertex_moves_too_far(mesh: Mesh) -> None:
     assert len(result.faces.sort(1).values.unique(dim=0)) == len(result.faces)
 
 
+def test_a_mesh_that_would_lose_all_faces_stays_as_it_is() -> None:
+    assert simplify(MESHES["chair"], 10.0) is MESHES["chair"]
+
+
 @meshes
 def test_pictures_stay_alike(mesh: Mesh) -> None:
     """At 100 pixels an object, two pixels are 0.02."""

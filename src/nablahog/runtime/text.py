@@ -27,7 +27,7 @@ def to_unicode(name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """``text`` with escapes for what a terminal would obey: control characters, line breaks, bidirectional marks.
+    r"""``text`` with escapes for what a terminal would obey: control characters, line breaks, bidirectional marks.
 
     >>> from nablahog.runtime.text import printable
     >>> printable("a\x1b[31m.png")

@@ -32,6 +32,7 @@ def five(tmp_path: Path) -> str:
     for k in range(5):
         Image.fromarray(CHELSEA[4 * k : 4 * k + 32, 8 * k : 8 * k + 32]).save(folder / f"{k}.png")
     (folder / "x.png").write_bytes(b"no image")
+    (folder / "notes.txt").touch()
     return str(folder)
 
 
@@ -40,7 +41,13 @@ def test_the_command(tmp_path: Path, five: str, here: None, capsys: pytest.Captu
     assert main(["table1", "--images", five, "-o", str(out), *QUICK, "--max-evaluations", "3", "--limit", "6"]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    for text in ("dalal-single", "Ran: ", str(out / "index.html"), "Failed: x.png, all methods: expected an image"):
+    for text in (
+        "dalal-single",
+        "Ran: ",
+        str(out / "index.html"),
+        "Failed: x.png, all methods: expected an image",
+        "notes.txt",
+    ):
         assert text in printed.out
     assert "hoggles" not in printed.out  # which was not asked for
     assert names(out) == [*TABLES, "work"]
