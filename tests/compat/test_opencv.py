@@ -89,6 +89,15 @@ def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
         cv2.HOGDescriptor(*arguments).getDescriptorSize()
 
 
+@pytest.mark.parametrize(
+    "changes", [{"_nbins": 2}, {"_nbins": 129}, {"_L2HysThreshold": 0.0}, {"_nlevels": 0}], ids=str
+)
+def test_parameters_without_a_descriptor(changes: dict[str, Any]) -> None:
+    (name,) = changes
+    with pytest.raises(ValueError, match=f"^{name[1:]} must be "):
+        HOGDescriptor(*FIVE[: 4 if name == "_nbins" else 5], **changes)
+
+
 # --- descriptors -----------------------------------------------------------------------------------------------------
 
 

@@ -141,6 +141,7 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matfile, "MAX_MAT_BYTES", 2**16)
     path = tmp_path / "a.mat"
     assert "its header" in _refusal(path, b"hello")
+    assert "more than 65,536 bytes" in _refusal(path, bytes(2**16 + 1))
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
     bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
     assert "unpacks to more than" in _refusal(path, HEADER + struct.pack("<II", 15, len(bomb)) + bomb)

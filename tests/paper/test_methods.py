@@ -6,6 +6,7 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -13,7 +14,16 @@ from nablahog import hog
 from nablahog.invert.prior.choice import default_prior_file
 from nablahog.paper.learned import SPEC, load, shipped_files
 from nablahog.paper.methods import METHODS, ReconstructionMethod, Table1Settings, choose
-from nablahog.paper.names import DIALECTS, LEARNED_DIALECTS, LIBRARIES, PRIORS, PUBLISHED, TABLE1, TABLE2
+from nablahog.paper.names import (
+    DIALECTS,
+    LEARNED_DIALECTS,
+    LIBRARIES,
+    POSE_PUBLISHED,
+    PRIORS,
+    PUBLISHED,
+    TABLE1,
+    TABLE2,
+)
 from nablahog.paper.pose_methods import POSE_METHODS
 
 from .common import image, photographs, write_prior
@@ -32,7 +42,13 @@ def test_rows() -> None:
 
 
 def test_published_figures() -> None:
+    """Two rows, and the sums of the columns of the paper's tables."""
     assert PUBLISHED["hoggles"] == (0.409, 1.497, 0.271)
+    rows = [means for name, means in PUBLISHED.items() if not name.startswith("paper-") and not name.endswith("@1/1")]
+    assert len(rows) == 14
+    np.testing.assert_allclose(np.sum(rows, axis=0), (4.098, 20.816, 4.007), atol=1e-9)
+    assert POSE_PUBLISHED["exemplar"] == {4: 47.33, 8: 35.39, 16: 20.16, 24: 15.23}
+    assert POSE_PUBLISHED["paper"] == {4: 58.85, 8: 40.74, 16: 22.22, 24: 16.87}
     assert PUBLISHED["paper-dalal-multi-scale-more@1/16"] == (0.191, 1.502, 0.291)
     for name in ("dalal-multi-scale", "dalal-multi-scale-more"):
         assert PUBLISHED[name] == PUBLISHED[f"{name}@1/1"]
