@@ -91,6 +91,7 @@ def test_an_existing_cluster(scheduler: str) -> None:
     assert all(isinstance(outcome, JobResult) for outcome in output.values())
 
 
+@pytest.mark.slow
 def test_left_early(scheduler: str) -> None:
     with closing(run_on_cluster([job(DARK, seed=seed) for seed in range(9)], cluster=scheduler)) as outcomes:
         next(outcomes)

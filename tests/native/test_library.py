@@ -70,6 +70,7 @@ def test_none_are_taken_without_a_warning() -> None:
     assert (ended.stdout, ended.stderr) == ("False\n", "")
 
 
+@pytest.mark.slow
 def test_unknown_instructions_are_refused() -> None:
     ended = run("from nablahog import native; native.library()", NABLAHOG_INSTRUCTIONS="v5")
     assert "NABLAHOG_INSTRUCTIONS must be one of none, v2, v3, v4" in ended.stderr
@@ -100,6 +101,7 @@ def test_a_source_that_has_changed_is_not_ignored(tmp_path: Path) -> None:
     assert ended.returncode
 
 
+@pytest.mark.slow
 def test_an_installation_without_a_compiler(tmp_path: Path) -> None:
     """It is one of plain Python, and does the same on plain PyTorch."""
     pytest.importorskip("scikit_build_core")

@@ -37,6 +37,7 @@ def test_the_papers_methods_begin_where_the_baseline_ends(name: str, tmp_path_fa
     assert coverage(problem(), outcome).sum() > 1000
 
 
+@pytest.mark.slow
 def test_without_a_box_and_an_initial_pose(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The baseline takes the whole image; `best` searches for the object."""
     settings = Table2Settings(exemplars=Path(tmp_path_factory.getbasetemp()) / "exemplars")
