@@ -37,6 +37,17 @@ def until(socket: Any, *kinds: str) -> list[dict[str, Any]]:
     return answers
 
 
+@pytest.mark.parametrize(("side", "answer"), [(7, "error"), (8, "ready")])
+def test_the_least_photograph(client: TestClient, side: int, answer: str) -> None:
+    file = io.BytesIO()
+    Image.effect_noise((40, side), 50).save(file, "PNG")
+    photo = client.post("/api/photos?name=small.png", content=file.getvalue()).json()["id"]
+    with client.websocket_connect(FIT) as socket:
+        socket.send_json({"type": "open", "photo": photo, "mesh": SCENE["mesh"], "box": [0, 0, 40, 8]})
+        said = json.loads(socket.receive_text())
+    assert said["type"] == answer
+
+
 def test_it_is_turned_and_fitted(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(result, "SECOND_CONFIDENCE", -1.0)  # any runner-up is a second answer
     with client.websocket_connect(FIT) as socket:

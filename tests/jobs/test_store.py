@@ -17,7 +17,7 @@ from nablahog.cli.commands.invert import InversionJob
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.io.dataset_manifest import DESCRIBING, ImageState, Manifest
 from nablahog.io.lists import AnnotatedObject
-from nablahog.jobs.store import JobResult, load, save
+from nablahog.jobs.store import JobResult, do_all, load, save
 from nablahog.paper import learned
 from nablahog.paper.baselines.exemplar_views import EXEMPLAR_SPEC, ExemplarLibrary
 from nablahog.paper.methods import METHODS
@@ -43,6 +43,16 @@ def test_round_trip(tmp_path: Path) -> None:
     assert result is not None
     assert (result.figures, result.seconds) == (RESULT.figures, RESULT.seconds)
     assert np.array_equal(result.pictures, RESULT.pictures)
+
+
+def test_progress_tells_what_is_done_and_at_work(tmp_path: Path) -> None:
+    """Of a second run, which finds all stored, only that."""
+    jobs = {"dark": job(DARK), "bright": job(BRIGHT)}
+    calls: list[tuple[int, int, str]] = []
+    for _ in range(2):
+        results = do_all(tmp_path, jobs, workers=1, label=str, progress=lambda *call: calls.append(call))
+        assert [name for name, result in results if isinstance(result, JobResult)] == [*jobs]
+    assert calls == [(0, 2, ""), (0, 2, "dark"), (1, 2, ""), (1, 2, "bright"), (2, 2, ""), (2, 2, "")]
 
 
 def test_damage(tmp_path: Path) -> None:

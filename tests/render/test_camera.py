@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.testing import assert_close
 
 from nablahog import native
-from nablahog.render import Camera, Renderer, pose, pose_jacobian, pose_vjp
+from nablahog.render import Camera, Renderer, depth_and_normals, pose, pose_jacobian, pose_vjp
 from nablahog.render.camera import check_poses, pose_velocities, rotation_matrices, rotations, to_camera, to_screen
 from nablahog.render.renderer import EdgeMethod
 
@@ -98,8 +98,9 @@ def test_no_field_of_view(degrees: float) -> None:
 
 @pytest.mark.parametrize("poses", [torch.ones(2, 5), torch.ones(0, 6), pose(0, distance=0), pose(0) / 0])
 def test_no_poses(poses: Tensor) -> None:
-    with pytest.raises(ValueError, match="poses must be"):
-        check_poses(poses)
+    for read in (check_poses, lambda wrong: depth_and_normals(box(), wrong, CAMERA)):
+        with pytest.raises(ValueError, match="poses must be"):
+            read(poses)
 
 
 SMALL = Camera(300.0, 20, 30)
