@@ -48,7 +48,7 @@ docs:  ## the site, build/docs/html/index.html, without a network
 	    --doctree-dir build/docs/doctrees docs build/docs/html
 	$(bin)/python -m docs.check_links build/docs/html
 
-coverage:  ## both, with the lines that no test runs
+coverage:  ## test and slow, with the lines that no test runs
 	$(bin)/python -m pytest -m "not xslow" --cov=nablahog --cov-report=term-missing:skip-covered
 
 # fresh memory is full of large numbers, where it is glibc's: what is read before it is written shows

@@ -48,20 +48,11 @@ def run_tests(
     """Returns the outcome of each test, in processes that start in a folder."""
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "outcomes.xml")
-        fixed = [
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            "-p",
-            "tests.run_orders",
-            "-m",
-            "not xslow",
-            "-c",
-            str(ROOT / "pyproject.toml"),
-        ]
+        fixed = ["-q", "-p", "no:cacheprovider", "-p", "tests.run_orders", "-c", str(ROOT / "pyproject.toml")]
+        chosen = ["-m", "not xslow"]
         environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}", **variables}
         files = (str(ROOT / test) for test in tests)
-        command = [sys.executable, "-m", "pytest", *fixed, f"--junitxml={path}", *arguments, *files]
+        command = [sys.executable, "-m", "pytest", *fixed, *chosen, f"--junitxml={path}", *arguments, *files]
         subprocess.run(command, cwd=folder, env=environment, capture_output=True)
         return {
             f"{case.get('classname')}::{case.get('name')}": case[0].tag if len(case) else "passed"

@@ -103,18 +103,10 @@ def _run_in_child(tree: Path, tests: Sequence[str], path: Path, arguments: Seque
     sys.path[:] = [str(tree / "src"), str(tree), *(folder for folder in sys.path if folder)]
     os.environ["PYTHONPATH"] = f"{tree / 'src'}{os.pathsep}{tree}"
     try:
-        fixed = (
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            "-p",
-            "no:randomly",
-            "-m",
-            "not xslow",
-            "--continue-on-collection-errors",
-        )
+        fixed = ("-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--continue-on-collection-errors")
+        chosen = ("-m", "not xslow")
         loaded_before = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # the plugins, so their asserts are plain
-        return int(pytest.main([*fixed, *loaded_before, *arguments, *tests], plugins=[Progress(tests, path)]))
+        return int(pytest.main([*fixed, *chosen, *loaded_before, *arguments, *tests], plugins=[Progress(tests, path)]))
     except BaseException:
         traceback.print_exc()
         return 3
