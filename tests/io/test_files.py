@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import ast
 import errno
+import itertools
 import os
 import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
@@ -52,6 +56,40 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path, error: type[BaseException
         fail()
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a file that Python closes itself
+def test_an_interrupt_at_any_moment(tmp_path: Path) -> None:
+    """Between any two instructions of the function and of what it calls in Python."""
+    (tmp_path / "file").write_text("old")
+    remaining = 0
+
+    def trace(frame: FrameType, event: str, _: object) -> Callable[..., object]:
+        nonlocal remaining
+        frame.f_trace_opcodes = True
+        remaining -= event == "opcode"
+        if not remaining:
+            raise KeyboardInterrupt
+        return trace
+
+    def write() -> None:
+        with replacing(tmp_path / "file") as file:
+            file.write(b"new")
+
+    before = sys.gettrace()
+    for moment in itertools.count(1):
+        remaining = moment
+        with suppress(KeyboardInterrupt):
+            sys.settrace(trace)
+            try:
+                write()
+            finally:
+                sys.settrace(before)
+        assert os.listdir(tmp_path) == ["file"]
+        if remaining > 0:
+            break
+    assert moment > 100
+    assert (tmp_path / "file").read_text() == "new"
 
 
 def test_what_a_killed_process_left(tmp_path: Path) -> None:

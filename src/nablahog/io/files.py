@@ -50,8 +50,8 @@ def replacing(path: Writable) -> Iterator[BinaryIO]:
     # a random name: in containers and on other hosts, process numbers repeat
     part = path.with_name(f".nablahog-{secrets.token_hex(8)}{PART}")
     try:
-        part.touch(exist_ok=False)  # not mkstemp, whose files only their owner may read
         try:
+            part.touch(exist_ok=False)  # not mkstemp, whose files only their owner may read
             with open(part, "wb") as file:
                 yield file
             os.replace(part, path)
