@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import time
 from typing import Any
 from xml.etree import ElementTree
 
@@ -54,8 +55,10 @@ def test_it_is_turned_and_fitted(client: TestClient, monkeypatch: pytest.MonkeyP
         socket.send_json({"type": "open", **SCENE, "box": box(client)})
         (ready,) = until(socket, "ready")
         assert ready["crop"]["side"] == 128
+        began = time.perf_counter()
         socket.send_json({"type": "pose", "n": 7, "pose": [30, 20, 3, 0, 0, 0], "place": True})
         (view,) = until(socket, "view")
+        assert 0 < view["milliseconds"] < 1000 * (time.perf_counter() - began)
         assert view["n"] == 7
         image = Image.open(io.BytesIO(base64.b64decode(view["image"])))
         assert (image.mode, image.size) == ("LA", (128, 128))

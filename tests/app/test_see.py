@@ -22,6 +22,7 @@ def test_what_there_is(client: TestClient) -> None:
     assert {each["name"] for each in about["presets"]} == {*presets.__all__}
     uoctti = next(each for each in about["presets"] if each["name"] == "uoctti")
     assert uoctti["signed"]
+    assert uoctti["title"] == (presets.uoctti.__doc__ or "").split("\n")[0]
     cell = next(each for each in uoctti["parameters"] if each["name"] == "cell_size")
     assert (cell["kind"], cell["default"], cell["least"]) == ("integer", "8", 2)
     assert not next(each for each in about["presets"] if each["name"] == "aubry")["signed"]

@@ -93,6 +93,7 @@ def files() -> dict[str, tuple[str, dict[str, str], bytes]]:
         "blocks of float64": ("d.npy", asked, npy(blocks.astype(np.float64) / 3)),
         "cells of another layout": ("c.npy", {"preset": "opencv"}, npy(hog(image, presets.opencv(win_size=(64, 64))))),
         "opencv": ("o.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, npy(opencv)),
+        "column": ("v.npy", {"preset": "opencv", "settings": '{"win_size": "64x64"}'}, npy(opencv.reshape(-1, 1))),
         "key": ("k.npz", {"preset": "uoctti", "key": "left"}, npz(left=uoctti, right=uoctti)),
         "descriptor file": ("it's.npz", {}, stored.getvalue()),
         "template": ("svm.npy", {"as": "template"}, npy(random.standard_normal(3781).astype(np.float32))),

@@ -101,6 +101,25 @@ def test_without_standard_output_the_work_is_done(tmp_path: Path) -> None:
     assert (tmp_path / "a.npz").stat().st_size > 0
 
 
+def test_a_reader_that_has_closed_the_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    Image.new("L", (32, 32), 9).save(tmp_path / "a.png")
+    with os.fdopen(writer, "w") as closed:
+        monkeypatch.setattr(sys, "stdout", closed)
+        assert main(["hog", str(tmp_path / "a.png"), "-o", "-"]) == 1
+
+
+def test_bytes_are_not_written_to_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.new("L", (32, 32), 9).save(tmp_path / "a.png")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    for command in ("hog", "glyph"):
+        assert main([command, str(tmp_path / "a.png"), "-o", "-"]) == 1
+        assert "stdout is a terminal: expected a pipe" in capsys.readouterr().err
+
+
 IN_C = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 NAME = "stühle [1].png"
 

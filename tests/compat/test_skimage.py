@@ -136,6 +136,12 @@ def test_views_and_lists() -> None:
                 each(image[..., 0], pixels_per_cell=size)
 
 
+@pytest.mark.parametrize("norm", NORMS)
+def test_faint_images(norm: str) -> None:
+    """The ε of blocks is not scaled."""
+    assert_same(1e-7 * np.random.default_rng(0).random((30, 40)), block_norm=norm)
+
+
 def test_gradients_off_a_boundary_by_rounding() -> None:
     """Resizing leaves some of 1e-17 in flat directions; scikit-image drops those just below 0°, and so it is here."""
     image = np.zeros((64, 64))

@@ -85,6 +85,10 @@ def test_what_is_no_spec_is_answered_with_what_to_write(spec: Any, words: str) -
 def test_settings_beside_a_preset_are_put_into_it() -> None:
     with pytest.raises(TypeError, match=r"write nablahog\.HOG\(nablahog\.presets\.opencv\(nbins=8\)\)"):
         HOG(presets.opencv, nbins=8)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"presets\.paper\(cell_size=4\)"):
+        HOG("paper", cell_size=4)
+    with pytest.raises(TypeError, match=r"presets\.uoctti\(cell_size=4\)"):
+        HOG("of another library", cell_size=4)
 
 
 ODD_IMAGES = {

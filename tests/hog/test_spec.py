@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -178,3 +180,10 @@ def test_parts_hold_their_fields_alone(s: HOGSpec) -> None:
     """Not the classes of all parts as well, which a pickle would have to find again."""
     for part in (s.normalizer, s.pooling):
         assert [*vars(part)] == [field.name for field in dataclasses.fields(part)]
+
+
+def test_a_new_process_knows_all_normalisers_and_poolings() -> None:
+    texts = [s.to_json() for s in SPECS.values()]
+    code = f"from nablahog.hog.spec import HOGSpec; print(sum(HOGSpec.from_json(t).to_json() == t for t in {texts}))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.stdout == f"{len(texts)}\n", run.stderr

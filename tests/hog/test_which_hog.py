@@ -15,6 +15,11 @@ from docs.preset_tables import SPECS
 from nablahog.hog import HOGSpec, hog, presets
 from nablahog.hog.layout import native_shape
 from nablahog.hog.normalizers.unclip import unclip, unclip_exactly
+from nablahog.invert.candidates import Candidate
+from nablahog.invert.exactness import identities_that_hold
+from nablahog.io.descriptor_file import FittedLayout
+
+from .zoo import noise
 
 TEXT = (Path(__file__).parents[2] / "docs" / "which_hog.md").read_text(encoding="utf-8")
 TWO_BY_TWO = presets.skimage(cells_per_block=(2, 2))
@@ -86,3 +91,11 @@ def test_cells_that_have_settled_are_left_out_of_later_rounds() -> None:
     for exact, expected in zip(unclip_exactly(summed, totals, 0.2, 60), unclip(summed, totals, 0.2, 60), strict=True):
         assert exact.shape == expected.shape
         torch.testing.assert_close(exact, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_numbers_that_only_are_small_tell_nothing(name: str) -> None:
+    spec = SPECS[name]
+    small = 0.001 * noise(*spec.grid(64, 64), spec.channels).numpy()
+    candidate = Candidate(name, {}, spec, FittedLayout("cells", small.shape, (64, 64)))
+    assert not identities_that_hold(small, candidate, 1e-6)

@@ -28,6 +28,13 @@ def test_confidences_of_an_image_and_its_negative_sum_to_one() -> None:
             assert torch.equal(flat, torch.full_like(flat, 0.5))
 
 
+def test_without_a_calibration_log_odds_are_those_of_the_network() -> None:
+    log_odds, agreement = torch.tensor([-1.0, 0.5]), torch.tensor([[[[2.0]]], [[[-3.0]]]])
+    assert_close(Calibration().polarity(log_odds), torch.sigmoid(log_odds))
+    sure = Calibration().regions(SignEvidence(log_odds, agreement), torch.ones(2), (4, 4))
+    assert_close(sure, torch.sigmoid(agreement).expand(2, 1, 4, 4))
+
+
 def test_confidences_of_a_batch_are_those_of_each() -> None:
     images = torch.cat([photograph(64, name) for name in ("camera", "coins")] * 5)  # more than are judged at once
     descriptors, prior = hog(images, PAPER), tiny_models.prior(PAPER)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
+from torch.testing import assert_close
 
 from nablahog import HOGSpec, presets
 from nablahog.hog.descriptor import histograms
@@ -22,6 +23,7 @@ from nablahog.invert.starts import (
     FAINT_SHARE,
     ROUNDINGS,
     TRUST,
+    _round,
     dominant_gradient,
     expected_cells,
     signed_cells,
@@ -128,6 +130,18 @@ def test_tiny_grids_reach_the_least_energy_of_all_patterns(size: tuple[int, int]
         for energy in result.energy[0]:
             assert (energies - energy).abs().min() < 1e-8  # each is some pattern's
         assert min((sign * result.images[0, 0] - image).abs().max() for sign in (1, -1)) < 1e-2 * image.abs().max()
+
+
+def test_no_change_of_one_sign_lowers_the_energy() -> None:
+    generator = torch.Generator().manual_seed(0)
+    energy = torch.randn(2, 30, 30, generator=generator, dtype=torch.float64)
+    energy = energy + energy.mT
+    signs, energies = _round(energy, torch.randn(2, 30, 3, generator=generator, dtype=torch.float64), 0)
+    assert_close(energies, ((signs @ energy) * signs).sum(dim=2))
+    for k in range(30):
+        changed = signs.clone()
+        changed[:, :, k] *= -1
+        assert (((changed @ energy) * changed).sum(dim=2) > energies - 1e-6).all()
 
 
 def test_what_is_expected_is_the_mean_of_patterns_but_of_single_pixels_the_best() -> None:

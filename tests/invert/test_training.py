@@ -217,6 +217,8 @@ def test_images_held_out_are_not_trained_with(monkeypatch: pytest.MonkeyPatch) -
     training = UnsignedTraining(images, 0)
     assert (len(training.held_out), len(training.images), training.crops) == (2, 48, 48)
     assert all(torch.isfinite(part).all() for batch in training.batches(0) for part in batch)
+    monkeypatch.setattr(training_windows, "WINDOWS_PER_BATCH", 1)
+    assert {len(part) for part in next(training.batches(0))} == {1}
 
 
 def test_images_of_large_folders_are_drawn_less_often_each_and_large_images_more_often(

@@ -139,6 +139,11 @@ def test_asked_about(name: str) -> None:
     assert words in found.remark
 
 
+def test_of_rounded_numbers_the_shape_tells() -> None:
+    found = which_hog(blocks().round(4))
+    assert "skimage" in {candidate.preset for candidate in found.candidates}
+
+
 ASSUMED: dict[str, tuple[Callable[[], Array], str]] = {
     "windows without overlap": (
         lambda: np.concatenate([opencv(half) for half in np.hsplit(photograph("gravel", 128), 2)]),

@@ -170,3 +170,11 @@ def test_what_was_not_used_for_longest_is_removed(folder: Path, monkeypatch: pyt
     cached_array("kind", "0", SHAPE, make)  # used just now
     cached_array("kind", "4", SHAPE, make)
     assert sorted(os.listdir(folder)) == ["0.array", "3.array", "4.array"]
+
+
+def test_arrays_of_just_the_size_that_is_allowed_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Maker()
+    monkeypatch.setenv(SIZE_VARIABLE, str(2 * (32 + make().nbytes) / 1e6))
+    for key in ("0", "1"):
+        cached_array("kind", key, SHAPE, make)
+    assert sorted(os.listdir(folder)) == ["0.array", "1.array"]

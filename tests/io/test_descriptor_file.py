@@ -19,6 +19,7 @@ from nablahog.io.descriptor_file import (
     find_layout,
     load_descriptor,
     save_descriptor,
+    shapes,
     to_descriptor,
 )
 from nablahog.requests.dialect import PRESETS, make_spec
@@ -170,3 +171,9 @@ def test_layouts_that_libraries_have_besides() -> None:
     assert find_layout((3780, 1), presets.opencv(), (128, 64)) == FittedLayout(
         "opencv-vector", (3780,), (128, 64)
     )  # of older versions
+
+
+def test_shapes_in_messages() -> None:
+    assert shapes(presets.uoctti(), None) == "(rows, cols, 31)"
+    assert shapes(presets.maskfeat(), None) == "(3, 9, rows, cols) or (27, rows, cols) or (rows, cols, 27)"
+    assert shapes(presets.opencv(), (64, 48)) == "(1260,) or (7, 5, 36)"

@@ -11,12 +11,13 @@ from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import tifffile
 import torch
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, ImageFile
 from PIL.TiffImagePlugin import IFDRational
 
 from nablahog.inputs.arrays import as_images
@@ -119,6 +120,14 @@ def test_what_is_refused(tmp_path: Path, write: Callable[[Path], None], message:
     write(tmp_path / "a")
     with pytest.raises(ValueError, match=f"a: .*{message}"):
         read_image(tmp_path / "a")
+
+
+def test_a_lack_of_memory_is_not_the_files_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image.new("L", (4, 4)).save(tmp_path / "a.png")
+    monkeypatch.setattr(Image.Image, "convert", Mock(side_effect=MemoryError))
+    monkeypatch.setattr(ImageFile.ImageFile, "load", Mock(side_effect=MemoryError))
+    with pytest.raises(MemoryError):
+        read_image(tmp_path / "a.png")
 
 
 def test_more_pixels_are_read_where_the_user_allows_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -31,6 +32,9 @@ def test_round_trip(tmp_path: Path, kind: str) -> None:
     stored.save(tmp_path / "y")
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
     assert set(arrays_of(tmp_path / "x")) == {"format", *model.ARRAYS}
+    with ZipFile(tmp_path / "x") as archive:
+        compressed = {part.compress_type == ZIP_DEFLATED for part in archive.infolist()}
+    assert compressed == {kind in ("prior", "background")}
 
 
 def _check_same(values: dict[str, Any], expected: dict[str, Any]) -> None:

@@ -146,9 +146,13 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
     assert "unpacks to more than" in _refusal(path, HEADER + struct.pack("<II", 15, len(bomb)) + bomb)
     inner = struct.pack("<II", 14, 0)
-    for _ in range(matfile.MAX_STRUCT_DEPTH + 2):
+    for _ in range(matfile.MAX_STRUCT_DEPTH):
         inner = _variable(1, (1, 1), inner)
-    assert "structures in each other" in _refusal(path, HEADER + inner)
+    path.write_bytes(HEADER + inner)
+    assert [*read_mat(path)] == [""]
+    assert "structures in each other" in _refusal(path, HEADER + _variable(1, (1, 1), inner))
+    of_five_bytes = struct.pack("<HHI", 2, 5, 0) + bytes(8)  # where there is room for four
+    assert "it ends too early" in _refusal(path, HEADER + _variable(6, (1, 5), of_five_bytes))
 
 
 def test_root_and_parts(tmp_path: Path) -> None:

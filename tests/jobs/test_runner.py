@@ -9,11 +9,13 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from nablahog.io.files import replacing
 from nablahog.jobs import processes
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
@@ -128,6 +130,42 @@ def test_a_parent_that_is_killed_while_workers_start(seconds: float) -> None:
         time.sleep(seconds)
         parent.kill()
         parent.communicate(timeout=2)  # until the last process that has inherited the pipe has ended
+
+
+_WRITING_PARENT = """
+from nablahog.jobs.runner import run_jobs
+from tests.jobs.test_runner import SlowWriting
+
+list(run_jobs([SlowWriting(name) for name in ("a", "b")], workers=2))
+"""
+
+
+@dataclass(frozen=True)
+class SlowWriting:
+    """Writes a file that is never whole."""
+
+    name: str
+
+    def run(self) -> None:
+        with replacing(self.name) as file:
+            while True:
+                file.write(b"half")
+                file.flush()
+                time.sleep(0.001)
+
+
+@pytest.mark.slow
+def test_workers_of_a_parent_that_is_killed_remove_what_they_were_writing(tmp_path: Path) -> None:
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    with subprocess.Popen([sys.executable, "-c", _WRITING_PARENT], cwd=tmp_path, env=paths) as parent:
+        while sum(path.stat().st_size > 0 for path in tmp_path.glob("*.part")) < 2:
+            assert parent.poll() is None
+            time.sleep(0.01)
+        parent.kill()
+    latest = time.monotonic() + 5
+    while os.listdir(tmp_path) and time.monotonic() < latest:
+        time.sleep(0.01)
+    assert not os.listdir(tmp_path)
 
 
 def test_workers_load_nothing_before_they_watch_their_parent() -> None:

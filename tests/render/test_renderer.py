@@ -7,6 +7,7 @@ plane, the loops take the depth at the next sample.  Where a sample is right on 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -79,6 +80,17 @@ def test_near_the_camera_too(method: EdgeMethod) -> None:
     result, expected = renderer.render(where, background, derivative=True), plain(renderer, where, background)
     assert expected.screen_gradient.abs().amax((1, 2, 3)).min() > 0.1
     check_alike(result, expected, 5e-3, 0.02)
+
+
+@needs_loops
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_eye_in_the_plane_of_a_face(side: int) -> None:
+    """Its edges are silhouettes, on either side of it."""
+    one = box((0.6, 0.5, 0.5))
+    renderer = Renderer(replace(one, vertices=one.vertices + torch.tensor([0, 0, side * 0.25])), CAMERA)
+    where, background = pose(33, 0, 2.6), torch.zeros(1, 72, 64)
+    result, expected = renderer.render(where, background, derivative=True), plain(renderer, where, background)
+    check_alike(result, expected, 1e-3, 0.02)
 
 
 @pytest.mark.parametrize("name", ["round", "chair"])

@@ -56,6 +56,7 @@ def test_all_images(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     for row in data[:7]:
         expected = hog(read_image(row.path)[None], presets.dpm())[0]
         assert torch.equal(row.stored.descriptor, expected)
+    assert main(["glyph", str(out), "-o", str(tmp_path / "glyphs")]) == 1  # it reads no data sets
 
 
 def test_colours_that_scikit_image_would_use_are_named(

@@ -21,6 +21,7 @@ from nablahog.cli.main import main
 from nablahog.cli.results.pose_files import PosedObject, as_csv, rows
 from nablahog.cli.results.pose_page import pose_page
 from nablahog.cli.results.pose_pictures import joined_shape
+from nablahog.cli.results.pose_table import show_figures
 from nablahog.io.images import read_image, write_image
 from nablahog.io.input_file import InputFile
 from nablahog.io.lists import AnnotatedObject, read_objects
@@ -170,6 +171,7 @@ def photograph() -> Tensor:
 def found(photograph: Tensor) -> PoseEstimate:
     estimate = estimate_pose(photograph, MESHES, box=(28, 12, 95, 125), initial=(180, 10))
     assert estimate.runners_up
+    assert estimate.renderings >= 144 + sum(len(trace.azimuths) for trace in estimate.traces)  # views, and each step
     return estimate
 
 
@@ -198,6 +200,11 @@ def test_other_azimuths_that_look_the_same_are_shown(
     assert {name for name, value in figures.items() if isinstance(value, str | float | bool)} <= {*row}
     assert (row["any_azimuth"], [*map(float, row["equivalent_azimuths"].split())]) == (str(shown == "any"), [*others])
     assert (row["second_azimuth"], row["second_confidence"]) == ("1.6", "0.31")
+
+
+@pytest.mark.parametrize(("half_turn", "shown"), [(0.0009, "< 0.001"), (0.0011, "0.001")])
+def test_probabilities_of_half_turns_are_shown_as_finely_as_they_are_known(half_turn: float, shown: str) -> None:
+    assert figure(show_figures({"half_turn": half_turn}, ["half_turn"])["half_turn"]) == shown
 
 
 def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -> None:

@@ -86,6 +86,11 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "caches"
 
 
+def test_models_are_learned_from_whole_photographs() -> None:
+    shapes = {name: tuple(image.shape) for name, image in learned.sample_training_photographs("hoggles").items()}
+    assert (shapes["astronaut"], shapes["chelsea"]) == ((512, 512), (300, 451))
+
+
 @pytest.mark.usefixtures("here")
 def test_files_of_models(tmp_path: Path, images: str, learned_files: dict[str, str]) -> None:
     out, files = tmp_path / "out", ["--learned", f"hoggles={learned_files['hoggles']}"]

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 from torch.testing import assert_close
 
+from nablahog.compat.opencv import HOGDescriptor
 from nablahog.hog import BlockCells, BlockNorm, FourBlockNorm, HOGSpec, hog
 from nablahog.hog.descriptor import Backend, histograms, normalize
 from nablahog.hog.engine import REFERENCE
@@ -131,12 +133,17 @@ def test_normalisers_are_those_of_the_reference(name: str, dtype: torch.dtype) -
 
 
 def test_an_entry_exactly_at_the_clip() -> None:
-    scheme = FourBlockNorm(epsilon=1.0, clip=1.0)
-    x = torch.tensor([math.sqrt(1 / 3)] * 2 + [0.0] * 2, dtype=torch.float64).view(1, 4, 1, 1)
-    exact = FourBlockNorm(epsilon=1.0, clip=float((x[0, 0] / torch.sqrt(8 * x[0, 0] ** 2 / 2 + 1)).item()))
-    for each in (scheme, exact):
-        s = spec(signed=True, bins=4, normalizer=each)
-        assert_same(normalize, normalize_reference, x, s)
+    """2 / √(4 · (2² + 2²) + 4) is; its derivative is the mean of those on both sides."""
+    x = torch.tensor([2.0, 2.0, 0.0, 0.0], dtype=torch.float64).view(1, 4, 1, 1)
+    s = spec(signed=True, bins=4, normalizer=FourBlockNorm(epsilon=4.0, clip=1 / 3))
+    assert_same(normalize, normalize_reference, x, s)
+    at, below, above = (
+        with_derivatives(normalize, x, replace(s, normalizer=FourBlockNorm(epsilon=4.0, clip=clip)))[1:]
+        for clip in (1 / 3, 0.33, 0.34)
+    )
+    for middle, first, second in zip(at, below, above, strict=True):
+        assert float((first - second).abs().max()) > 0.01
+        assert_close(middle, (first + second) / 2)
 
 
 @specs
@@ -300,3 +307,20 @@ def test_without_a_graph_the_result_is_the_same(name: str) -> None:
     for x in (noise(2, 3, 24, 31), noise(1, 3, 300, 310)):
         with_graph = hog(x.clone().requires_grad_(), s).detach()
         assert torch.equal(hog(x, s), with_graph)
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads its memory in /proc")
+def test_many_calls_take_no_more_memory_than_a_few() -> None:
+    x, image = noise(1, 1, 512, 512).requires_grad_(), np.zeros((256, 256), np.uint8)
+    opencv = HOGDescriptor()
+
+    def call() -> int:
+        """Returns the bytes of memory that the process has afterwards."""
+        for _ in range(60):
+            hog(x, "uoctti").sum().backward()
+            opencv.computeGradient(image, None, None)
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    with threads(2):
+        before = call()
+        assert call() < before + 2**22

@@ -48,7 +48,7 @@ def test_every_vote_rule_has_a_function() -> None:
 
 def test_auto_takes_triton_on_a_gpu(forgetful: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 0))
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (7, 0))
     assert chosen_engine() is steps.TRITON_ENGINE
     assert not kernels.chosen(torch.device("cpu"))
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 import triton
+import triton.language as tl
 from packaging.version import Version
 from torch import Tensor
 from torch.testing import assert_close
@@ -18,6 +19,7 @@ from nablahog.hog.descriptor import Backend, histograms
 from nablahog.hog.engine import make_step
 from nablahog.hog.steps import histograms_reference
 from nablahog.hog.triton import steps
+from nablahog.hog.triton.votes import _arccosine as arccosine
 
 from ...golden import PEERS, Case, cases
 from ..zoo import PRESETS, SPECS, bytes_of, integers, noise, spec, waves
@@ -245,3 +247,16 @@ def test_the_step_of_graphs_that_were_exported_on_a_cpu(name: str) -> None:
     assert_close(descriptors, plain, rtol=0, atol=1e-11, equal_nan=True)
     grad = torch.autograd.grad(plain, z, waves(plain))[0]
     assert_close(step.vjp(x, saved, waves(plain)), grad, rtol=0, atol=1e-9, equal_nan=True)
+
+
+@triton.jit
+def _arccosines(cosines: Any, angles: Any, count: tl.constexpr) -> None:
+    at = tl.arange(0, count)
+    tl.store(angles + at, arccosine(tl.load(cosines + at)))
+
+
+def test_the_arccosine_is_exact_to_rounding() -> None:
+    cosines = torch.linspace(0.86, 1, 256, device=DEVICE)
+    angles = torch.empty_like(cosines)
+    _arccosines[1,](cosines, angles, 256)
+    assert_close(angles, torch.acos(cosines.double()).float(), rtol=3e-7, atol=0)

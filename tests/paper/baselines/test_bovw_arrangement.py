@@ -19,6 +19,11 @@ def test_costs_of_pairs() -> None:
     np.testing.assert_allclose(costs.below, np.full((2, 2), unseen))
 
 
+def test_similarities_to_a_word_add_up_to_one() -> None:
+    costs = Costs(np.array([[[0, 1, 2]]]), np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.3]]))
+    np.testing.assert_allclose(costs._similarity.sum(axis=1), 1)
+
+
 def test_costs_of_places() -> None:
     """Two kinds of images, of words 0 and 1 above or of words 2 and 3 below; each also with the words 4 and 5."""
     one, other = [[0, 1, 4], [4, 5, 5]], [[4, 5, 5], [2, 3, 4]]

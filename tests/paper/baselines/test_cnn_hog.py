@@ -76,6 +76,25 @@ def test_a_constant_image_has_a_derivative(bilinear: bool) -> None:
     assert torch.isfinite(image.grad).all()
 
 
+def test_the_objective_has_its_derivative() -> None:
+    """Of a small image, where no other vote is the nearest."""
+    net, x, σ = CNNHOG(4), textured(1, 1, 8, 8), 3.0
+    target = net.descriptor(textured(1, 1, 8, 8, seed=1)).permute(0, 3, 1, 2)
+    scale = target.flatten(1).norm(dim=1)
+
+    def distance(image: Tensor) -> Tensor:
+        return (net._network(image) - target).flatten(1).norm(dim=1) / scale
+
+    def objective(image: Tensor) -> Tensor:
+        variation = image.diff(dim=2).square().sum() + image.diff(dim=3).square().sum()
+        prior = cnn_hog.SMOOTHNESS / 2 * variation + cnn_hog.NORM_WEIGHT / 2 * (image**cnn_hog.NORM_POWER).sum()
+        return σ**2 * distance(image).square().sum() + prior
+
+    result, gradient = net._gradient(x, target, scale, σ)
+    torch.testing.assert_close(result, distance(x))
+    torch.testing.assert_close(gradient, torch.autograd.functional.jacobian(objective, x))
+
+
 def test_total_variation_has_its_derivative() -> None:
     x = textured(2, 1, 6, 7).requires_grad_()
     (expected,) = torch.autograd.grad(x.diff(dim=2).square().sum() + x.diff(dim=3).square().sum(), x)
