@@ -16,6 +16,7 @@ import torch
 
 from nablahog.app import server
 from nablahog.app import store as store_module
+from nablahog.app.chart import SimilarityChart
 from nablahog.app.messages import RequestError
 from nablahog.app.snippets import FitFiles, write_pose_snippets
 from nablahog.app.store import MeshEntry, Photograph, Store
@@ -130,6 +131,13 @@ def test_there_is_no_circle_among_the_scripts() -> None:
     imports = {name: re.findall(r'^import .* from "\./(.+)";$', text, re.MULTILINE) for name, text in scripts.items()}
     assert imports["main.js"]
     TopologicalSorter(imports).prepare()  # raises CycleError, with the circle
+
+
+@pytest.mark.parametrize(("asked", "width"), [(1, 280), (300, 300), (10_000, 2000)])
+def test_the_width_of_a_chart(asked: int, width: int) -> None:
+    chart = SimilarityChart()
+    chart.move((30.0, 20.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.0, asked)
+    assert f'width="{width}"' in chart.draw()["svg"]
 
 
 def test_snippets_for_a_pose_have_its_seed() -> None:

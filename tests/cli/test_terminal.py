@@ -32,6 +32,13 @@ def test_progress_without_a_terminal(capsys: pytest.CaptureFixture[str], monkeyp
     ]
 
 
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(59, "less than a minute"), (5999, "about 100 min"), (6000, "about 2 hours")]
+)
+def test_the_time_left(seconds: float, words: str) -> None:
+    assert terminal._say_left(seconds) == words
+
+
 def test_the_start_of_processes_tells_nothing_of_the_time_left(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -183,6 +183,15 @@ def test_photographs(seed: int, size: tuple[int, int], colour: bool, stride: Any
     assert_same(ours.detectMultiScale(image, *options), theirs.detectMultiScale(image, *options))
 
 
+def test_modes_that_are_near_each_other() -> None:
+    """Two, between one and two widths of the kernel squared apart."""
+    ours, theirs = both(random_detector(6), *SMALL)
+    image = photograph("astronaut", 150, True)[30:72, 40:90]
+    expected = theirs.detectMultiScale(image, -0.1, (6, 5), (4, 4), 1.37, 0.0, True)
+    assert len(expected[0]) == 2
+    assert_same(ours.detectMultiScale(image, -0.1, (6, 5), (4, 4), 1.37, 0.0, True), expected)
+
+
 def test_places() -> None:
     """Of these, windows beyond the padded image are left out."""
     image = photograph("astronaut", 60, True)

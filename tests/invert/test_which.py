@@ -139,6 +139,12 @@ def test_asked_about(name: str) -> None:
     assert words in found.remark
 
 
+@pytest.mark.parametrize(("count", "is_tried"), [(16, True), (17, False)])
+def test_the_most_descriptors_in_one_row(count: int, is_tried: bool) -> None:
+    found = which_hog(np.concatenate([blocks("coffee", 64, 64)] * count))
+    assert (f"reshape({count}, 1764)" in found.remark) == is_tried
+
+
 def test_of_rounded_numbers_the_shape_tells() -> None:
     found = which_hog(blocks().round(4))
     assert "skimage" in {candidate.preset for candidate in found.candidates}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from unittest.mock import Mock
 
 import pytest
 import torch
@@ -13,7 +14,7 @@ from torch.testing import assert_close
 from nablahog.hog.gradient import gray
 from nablahog.inputs.boxes import Box
 from nablahog.io.images import sample_photograph
-from nablahog.pose import PoseEstimate, estimate_pose
+from nablahog.pose import PoseEstimate, detection, estimate_pose
 from nablahog.pose.crop import CROP_FILL, crop_object
 from nablahog.pose.detection import DETECTION_TILTS, find_boxes
 from nablahog.pose.model import VIEW_COUNT, bounding_boxes, prepared_model, view_descriptors
@@ -199,12 +200,17 @@ def test_where_there_is_nothing_to_see_the_largest_box_is_the_likeliest() -> Non
     assert max(box.width, box.height) > 250
 
 
-def test_places_are_more_where_the_model_is_known() -> None:
+def test_places_are_more_where_the_model_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six at most, of one model; two of several, whose views take longer; tilts are tried to both sides."""
     image = gray(sample_photograph("coffee")[None])[0]
     models = [prepared_model(model(seed)) for seed in (WOODEN, SWIVEL)]
     counts = [len(find_boxes(image, some, (40.0, 20.0), 60.0, None)) for some in (models[:1], models)]
     assert 2 < counts[0] <= 6
     assert counts[1] == 2
+    described = Mock(wraps=view_descriptors)
+    monkeypatch.setattr(detection, "view_descriptors", described)
+    monkeypatch.setattr(detection, "DETECTORS", 1)
+    find_boxes(image, models, (40.0, 20.0), 60.0, None)
+    assert {id(call.args[0]) for call in described.call_args_list} == {id(models[0])}
     for tilts in (DETECTION_TILTS, KNOWN_TILTS, UNKNOWN_TILTS):
         assert [-tilt for tilt in reversed(tilts)] == [*tilts]

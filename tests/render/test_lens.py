@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from torch.testing import assert_close
 
 from nablahog.inputs.boxes import Box
 from nablahog.inputs.cameras import PhotographCamera, as_camera
 from nablahog.io.images import sample_photograph
-from nablahog.render.lens import STRIP_PIXELS, IdealCamera
+from nablahog.render.lens import STRIP_PIXELS, IdealCamera, distort, undistort
 
 HEIGHT, WIDTH = 480, 640
 NO_MOTION = np.zeros(3)
@@ -50,6 +51,13 @@ def test_points_are_those_of_opencv(name: str) -> None:
     projected = cv2.projectPoints(rays, NO_MOTION, NO_MOTION, *opencv(real))[0][:, 0]
     seen = torch.stack(ideal.to_photograph(*torch.from_numpy(expected.T)), dim=1)
     assert np.abs(seen.numpy() - projected).max() < 1e-6
+
+
+@pytest.mark.parametrize("distortion", [(1.0, 0, 0, 0, 0), (0, 5.0, 0, 0, 0)])
+def test_strong_distortion_is_undone(distortion: tuple[float, ...]) -> None:
+    x, y = torch.meshgrid(*2 * [torch.linspace(-1, 1, 21, dtype=torch.float64)], indexing="xy")
+    for found, expected in zip(undistort(*distort(x, y, distortion), distortion), (x, y), strict=True):
+        assert_close(found, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("as_bytes", [False, True])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import csv
+import io
 import json
 import re
 from collections.abc import Callable
@@ -13,13 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from torch import Tensor
 
 from nablahog import estimate_pose, sample_chairs
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
 from nablahog.cli.results.pose_files import PosedObject, as_csv, rows
-from nablahog.cli.results.pose_page import pose_page
+from nablahog.cli.results.pose_page import HEIGHT, pose_page
 from nablahog.cli.results.pose_pictures import joined_shape
 from nablahog.cli.results.pose_table import show_figures
 from nablahog.io.images import read_image, write_image
@@ -30,6 +32,7 @@ from nablahog.pose.lens import choose_lens
 from nablahog.pose.result import pose_figures
 from nablahog.render import Camera, load_mesh, render
 from nablahog.viz.html import figure
+from nablahog.viz.pictures import RED
 from tests.pose.common import degrees_between, model, photographed
 
 from ...paper.common import run_in_this_process
@@ -214,4 +217,8 @@ def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -
     )
     assert "second answer: azimuth 2°, confidence 0.31" in with_it
     assert "second answer: azimuth 2°" not in without
-    assert with_it.count("data:image/png") == without.count("data:image/png") + 1
+    pictures, others = (re.findall(r"data:image/png;base64,([^\"]+)", page) for page in (with_it, without))
+    (added,) = set(pictures) - set(others)
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(added))).convert("RGB")) / 255
+    drawn = (abs(picture - RED) < 0.1).all(axis=2).any(axis=0).nonzero()[0]
+    assert 0.3 * HEIGHT < np.ptp(drawn) < 0.7 * HEIGHT  # the outline, of which the longer side is 0.6 of the picture's
