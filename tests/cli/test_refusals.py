@@ -110,6 +110,11 @@ def test_bad_options(tmp_path: Path, photo: str, refused: Callable[..., None], o
     refused("invert", photo, "-o", str(tmp_path / "out"), *options, message="", status=status)
 
 
+def test_no_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "COMMAND" in capsys.readouterr().err
+
+
 def test_cuda_asked_for_and_absent(
     tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ import math
 import pytest
 import torch
 from torch import Tensor
+from torch.testing import assert_close
 
 from nablahog import hog, presets, reconstruct
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, HOGSpec
@@ -18,6 +19,7 @@ from nablahog.hog.normalizers.four_block import Outside, Texture
 from nablahog.hog.steps import normalize_reference
 from nablahog.invert import Search
 from nablahog.invert.histograms import (
+    _solve_levels,
     histograms_without_clip,
     linear_vote_spec,
     normalization_error,
@@ -109,6 +111,15 @@ def test_without_the_clip_texture_gives_histograms_in_closed_form(texture: Textu
         assert (one[large].log() - other[large].log()).std() < 1e-3
     alone = histograms_without_clip(hog(images[1:], spec), spec)
     torch.testing.assert_close(alone, found[1:])
+
+
+def test_levels_are_as_far_apart_as_ratios() -> None:
+    generator = torch.Generator().manual_seed(0)
+    ratios = torch.randn(1, 4, 6, 7, generator=generator, dtype=torch.float64)
+    known = (torch.rand(1, 4, 6, 7, generator=generator) < 0.8).double()
+    levels = _solve_levels(ratios, known)
+    for factor in (1e-6, 1e3):
+        assert_close(_solve_levels(factor * ratios, known), factor * levels, rtol=1e-6, atol=0)
 
 
 def test_levels_converge_far_from_each_other() -> None:

@@ -94,11 +94,12 @@ def test_of_several_models_it_is_the_right_one(method: Any) -> None:
 @pytest.mark.parametrize("method", ["paper", "paper-edges"])
 def test_the_papers_method_keeps_its_traces(clean: Scene, method: Any) -> None:
     image, box = clean
-    estimate = estimate_pose(image, model(), box=box, initial=(200, 18), method=method)
-    assert estimate.similarity_kind == "patches"
+    models = {"chair": model(), "cuboid": cuboid((0.6, 0.5, 0.5))}
+    estimate = estimate_pose(image, models, box=box, initial=(200, 18), method=method)
+    assert (estimate.model, estimate.similarity_kind) == ("chair", "patches")
     assert degrees_between(estimate.azimuth, 215) < 10
     assert (estimate.elevation, estimate.theta) == (18, 0)
-    assert [round(trace.azimuths[0]) for trace in estimate.traces] == [200, 0, 45, 90, 135, 180, 225, 270, 315]
+    assert [round(trace.azimuths[0]) for trace in estimate.traces] == 2 * [200, 0, 45, 90, 135, 180, 225, 270, 315]
     assert estimate.renderings == sum(len(trace.azimuths) for trace in estimate.traces)
     best = max(estimate.traces, key=lambda trace: max(trace.similarities))
     assert max(best.similarities) == estimate.similarity

@@ -14,6 +14,7 @@ from PIL import Image
 
 import nablahog
 from nablahog import hog, presets
+from nablahog.cli import terminal
 from nablahog.cli.commands import demo
 from nablahog.cli.main import main
 from nablahog.compat.opencv import HOGDescriptor
@@ -44,6 +45,14 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     known, unknown, _ = results
     assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim", "psnr"))
     assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is unknown["psnr"] is None
+
+
+def test_progress(
+    tmp_path: Path, photo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(terminal, "FIRST_LINE", 0.0)
+    assert main(["invert", photo, "-o", str(tmp_path / "out"), *SMALL]) == 0
+    assert re.match(r"nablahog invert: \d+ of \d+ evaluations done .*\(batch 1 of 1, 1 x ", capsys.readouterr().err)
 
 
 def test_it_is_the_preimage_of_the_library(tmp_path: Path, photo: str) -> None:
@@ -179,8 +188,11 @@ def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> 
 @pytest.mark.slow
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "DEMO_SIZE", 64)
+    monkeypatch.setattr(terminal, "FIRST_LINE", 0.0)
     assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
-    assert str(tmp_path / "demo" / "index.html") in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert str(tmp_path / "demo" / "index.html") in printed.out
+    assert re.match(r"nablahog demo: \d+ of [\d,]+ evaluations done", printed.err)
     parts = ("difference", "glyphs", "preimage", "thumbnails")
     pictures = [f"{name}_{part}.png" for name in ("paper", "uoctti") for part in parts]
     unsure = ["paper_regions.png", "paper_samples.png"]
