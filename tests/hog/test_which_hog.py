@@ -99,3 +99,17 @@ def test_bounds_that_other_numbers_keep_too_decide_nothing(name: str) -> None:
     assert holding is not None
     bounds = ("no entry but", "no entry at", "add up to at most", "entries of blocks are equal")
     assert not [identity.sentence for identity in holding if any(words in identity.sentence for words in bounds)]
+
+
+def test_opposite_directions_add_up_below_half_the_clip() -> None:
+    """Two of a cell that do not, though the cell's sum is right, and none below a third of the clip."""
+    array, spec = described("astronaut", SPECS["uoctti"]).float().numpy(), SPECS["uoctti"]
+    candidate = Candidate("uoctti", {}, spec, FittedLayout("cells", array.shape, (192, 192)))
+    undirected = array[..., 18:27]
+    between = (undirected > 0.075) & (undirected < 0.095)
+    row, col = np.argwhere(between.sum(axis=2) >= 2)[0]
+    one, other = np.flatnonzero(between[row, col])[:2]
+    assert identities_that_hold(array, candidate, find_tolerance(array)) is not None
+    undirected[row, col, one] += 0.002
+    undirected[row, col, other] -= 0.002
+    assert identities_that_hold(array, candidate, find_tolerance(array)) is None

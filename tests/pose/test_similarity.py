@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -61,6 +62,14 @@ def test_an_empty_rendering_is_like_nothing(photograph: PreparedPhotograph) -> N
     values, slopes = template.values_and_gradients(torch.zeros(2, *template.weights.shape))
     assert values.tolist() == template.values(torch.zeros(2, *template.weights.shape)).tolist() == [0, 0]
     assert not slopes.any()
+
+
+def test_a_sidelobe_is_a_share(photograph: PreparedPhotograph, crop: ObjectCrop) -> None:
+    template, image = photograph.calibrated, crop.downsample(2).image
+    share = template.sidelobe(image)
+    assert 0 < share < 1
+    assert replace(template, weights=1e-4 * template.weights).sidelobe(image) == pytest.approx(share, rel=1e-4)
+    assert replace(template, weights=-template.weights).sidelobe(image) == 1
 
 
 @pytest.mark.parametrize("method", ["edges", "opendr"])

@@ -225,3 +225,10 @@ def test_a_descriptor_that_opencv_saved(tmp_path: Path) -> None:
     assert (template.spec, template.image_size) == (presets.opencv(), (128, 64))
     native = nablahog.to_layout(template.descriptor[None], presets.opencv())
     torch.testing.assert_close(native.flatten(), torch.from_numpy(weights[:-1]))
+
+
+def test_settings_that_were_asked_for_stay(array: NDArray[np.float32]) -> None:
+    """Also those that are the preset's own."""
+    request = GlyphRequest(settings={"cell_size": "8"})
+    found, _, _ = identify(array, request)
+    assert (found.preset, found.settings) == ("vlfeat", {"cell_size": "8"})
