@@ -139,6 +139,7 @@ def test_asked_about(name: str) -> None:
     assert words in found.remark
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "is_tried"), [(16, True), (17, False)])
 def test_the_most_descriptors_in_one_row(count: int, is_tried: bool) -> None:
     found = which_hog(np.concatenate([blocks("coffee", 64, 64)] * count))

@@ -124,6 +124,11 @@ def test_occluder_covers_what_it_should() -> None:
     assert shapes == {(True, False), (False, True), (False, False)}  # lying bars, upright bars, patches
 
 
+def test_nothing_is_brighter_than_white_before_it_is_exposed() -> None:
+    image = _composed(EMPTY + 1.5, FULL, np.ones((1, 90, 90)), exposure=(0.5, 0.5))
+    np.testing.assert_allclose(image, 0.5)
+
+
 def test_sensor_noise() -> None:
     image = _composed(EMPTY + 0.5, FULL, np.ones((1, 90, 90)), noise=(0.03, 0.03))
     assert image.std() == pytest.approx(0.03, rel=0.05)
