@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import errno
+import io
 import itertools
 import os
 import re
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -158,6 +160,12 @@ def test_links_and_special_files(tmp_path: Path) -> None:
     for special in ("pipe", "."):
         with pytest.raises(FileExistsError, match="regular file"), replacing(tmp_path / special):
             pass
+
+
+@pytest.mark.parametrize("path", [3, io.StringIO()])
+def test_what_is_no_file_to_write(path: Any) -> None:
+    with pytest.raises(TypeError, match="must be a path or a binary stream, got"), replacing(path):
+        pass
 
 
 def test_a_failure_removes_only_what_was_made_and_is_empty(tmp_path: Path) -> None:
