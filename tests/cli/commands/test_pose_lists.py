@@ -140,6 +140,21 @@ def test_an_object_that_cannot_be_searched_is_skipped(
     assert [bool(row["error"]) for row in rows] == [False, True]
 
 
+def test_what_is_outside_an_outline_is_not_looked_at(tmp_path: Path, photos: Path) -> None:
+    """Beside the chair is the same chair from another side."""
+    one, other = (read_image(photos / name) for name in TRUE)
+    write_image(photos / "a.png", torch.cat([one, other], dim=2))
+    sides = [30.0, 10.0, 150.0, 10.0, 150.0, 140.0, 30.0, 140.0]
+    annotation = {"id": 1, "image_id": 1, "segmentation": [sides]}
+    listed = tmp_path / "objects.json"
+    listed.write_text(json.dumps({"images": [{"id": 1, "file_name": "a.png"}], "annotations": [annotation]}))
+    mesh = str(tmp_path / "models" / "wooden.off")
+    options = ["--mesh", mesh, "--workers", "1", "-o", str(tmp_path / "out")]
+    assert main(["pose", str(photos), "--annotations", str(listed), *options]) in (0, 4)
+    (pose,) = json.loads((tmp_path / "out" / "poses.json").read_text())["annotations"]
+    assert degrees_between(pose["azimuth"], TRUE["a.png"]) < 3
+
+
 def test_several_boxes(tmp_path: Path, photos: Path) -> None:
     boxes = [f"--box={','.join(line.split(',')[1:5])}" for line in (tmp_path / "objects.csv").read_text().split()[1:]]
     options = ["--mesh", str(tmp_path / "models" / "wooden.off"), "--workers", "1", "-o", str(tmp_path / "out")]
