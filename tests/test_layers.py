@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import NamedTuple
@@ -54,13 +55,16 @@ def room(module: Path) -> str:
     return module.parts[0].removesuffix(".py")
 
 
-def arrows() -> Iterator[Arrow]:
+@cache
+def arrows() -> list[Arrow]:
     """All imports of modules of the package by modules of the package."""
-    for file in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.pyi")]):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom | ast.Import):
-                for target in targets(node, file):
-                    yield Arrow(file.with_suffix(".py").relative_to(PACKAGE), node.lineno, target.relative_to(PACKAGE))
+    return [
+        Arrow(file.with_suffix(".py").relative_to(PACKAGE), node.lineno, target.relative_to(PACKAGE))
+        for file in sorted([*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.pyi")])
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom | ast.Import)
+        for target in targets(node, file)
+    ]
 
 
 def targets(node: ast.ImportFrom | ast.Import, file: Path) -> Iterator[Path]:
@@ -79,9 +83,6 @@ def module(path: Path) -> list[Path]:
     return [file for file in (path.with_name(f"{path.name}.py"), path / "__init__.py") if file.is_file()][:1]
 
 
-ARROWS = list(arrows())
-
-
 def test_rooms_are_listed_from_the_bottom() -> None:
     rooms = list(MAY_IMPORT)
     for number, (name, below) in enumerate(MAY_IMPORT.items()):
@@ -96,7 +97,7 @@ def test_imports_point_downwards() -> None:
     wrong = [
         f"src/nablahog/{source}:{line} imports {target}: the room {room(source)} may import only "
         f"{', '.join(sorted(MAY_IMPORT[room(source)])) or 'nothing'}"
-        for source, line, target in ARROWS
+        for source, line, target in arrows()
         if room(target) not in {room(source), *MAY_IMPORT[room(source)]}
     ]
     assert not wrong, "\n".join(wrong)
@@ -104,7 +105,7 @@ def test_imports_point_downwards() -> None:
 
 def test_there_is_no_circle_inside_a_room() -> None:
     behind: dict[str, set[str]] = {}
-    for source, _, target in ARROWS:
+    for source, _, target in arrows():
         if room(source) == room(target) and source != target:
             behind.setdefault(str(source), set()).add(str(target))
     TopologicalSorter(behind).prepare()  # raises CycleError, with the circle
@@ -114,7 +115,7 @@ def test_inner_rooms_belong_to_one_room() -> None:
     """Native loops and kernels are called through ``hog.descriptor``, and commands are run by name."""
     wrong = [
         f"src/nablahog/{source}:{line} imports {target}: only {room(target)}/ may"
-        for source, line, target in ARROWS
+        for source, line, target in arrows()
         for inner in ("hog/kernels", "hog/triton", "cli/commands")
         if target.is_relative_to(inner) and room(source) != room(target)
     ]
@@ -124,7 +125,7 @@ def test_inner_rooms_belong_to_one_room() -> None:
 def test_only_the_tables_know_the_paper() -> None:
     """``nablahog table1``, ``table2`` and ``learn``, which learns what Table 1 compares with, and their arguments."""
     knowing = {"cli/commands/tables.py", "cli/commands/learn.py", "cli/arguments/parsers.py"}
-    wrong = {str(source) for source, _, target in ARROWS if room(target) == "paper" != room(source)} - knowing
+    wrong = {str(source) for source, _, target in arrows() if room(target) == "paper" != room(source)} - knowing
     assert not wrong
 
 
@@ -134,7 +135,7 @@ def test_the_command_goes_one_way() -> None:
     order = [*names.split(), "main.py"]
     wrong = [
         f"src/nablahog/{source}:{line} imports {target}: in cli/, each may import only what is before it in {order}"
-        for source, line, target in ARROWS
+        for source, line, target in arrows()
         if room(source) == room(target) == "cli"
         and min(source.parts[1], target.parts[1]) != "__init__.py"
         and order.index(target.parts[1]) > order.index(source.parts[1])

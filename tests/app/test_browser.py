@@ -146,6 +146,7 @@ def test_a_photograph_is_dropped(page: Page, tmp_path: Path, photo_file: bytes) 
     refused_and_expected(page)
 
 
+@pytest.mark.slow
 @in_a_browser
 def test_what_is_dropped_ends_what_was_dropped_before(page: Page, tmp_path: Path) -> None:
     page.open("#/fit?photo=scene-chair")

@@ -49,6 +49,7 @@ def test_the_least_photograph(client: TestClient, side: int, answer: str) -> Non
     assert said["type"] == answer
 
 
+@pytest.mark.slow
 def test_it_is_turned_and_fitted(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(result, "SECOND_CONFIDENCE", -1.0)  # any runner-up is a second answer
     with client.websocket_connect(FIT) as socket:

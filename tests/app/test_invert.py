@@ -47,7 +47,13 @@ def picture(text: str) -> Image.Image:
 
 
 @pytest.mark.parametrize(
-    ("preset", "asked"), [("paper", {"method": "paper"}), ("paper", {}), ("uoctti", {}), ("uoctti", {"prior": "none"})]
+    ("preset", "asked"),
+    [
+        pytest.param("paper", {"method": "paper"}, marks=pytest.mark.slow),
+        pytest.param("paper", {}, marks=pytest.mark.slow),
+        ("uoctti", {}),
+        ("uoctti", {"prior": "none"}),
+    ],
 )
 def test_it_grows(client: TestClient, photo: str, preset: str, asked: dict[str, str]) -> None:
     made = events(client, photo=photo, preset=preset, **asked)

@@ -52,6 +52,7 @@ def test_what_is_larger_than_all_is_refused() -> None:
     assert refused.value.status == 413
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("again", [False, True])
 def test_a_mesh_that_is_dropped_is_freed(again: bool) -> None:
     entries = [MeshEntry("m", load_mesh(InputFile("m.off", TETRAHEDRON))) for _ in range(2)]

@@ -13,7 +13,7 @@ from .columns.plain import DESCRIPTOR, IMAGE, OTHER, SIZE
 from .rows import ROWS
 from .table import Column, Row, Use, numbers, plain_result, run_cell
 
-SLOW = ("context", "number", "size")  # kinds of rows that searches take
+SLOW = ("angle", "context", "number", "size")  # kinds of rows that searches take
 PARAMETERS = [pytest.param(row, id=name, marks=[pytest.mark.slow] * (row.kind in SLOW)) for name, row in ROWS.items()]
 
 
@@ -31,6 +31,7 @@ def test_every_column_has_a_plain_result() -> None:
     assert kinds | {"context"} == {row.kind for row in ROWS.values()}
 
 
+@pytest.mark.slow
 def test_command_and_page_give_the_results_of_python() -> None:
     pose = plain_result("estimate_pose", "box")
     preimage = nablahog.reconstruct(DESCRIPTOR[:1], "uoctti", SIZE, quality="fast", prior=None, seed=3).image

@@ -101,6 +101,7 @@ def test_a_remark_on_the_numbers_stands_on_the_page(tmp_path: Path, capsys: pyte
     assert (out / "index.html").read_text(encoding="utf-8").count("its numbers are all equal") == 2
 
 
+@pytest.mark.slow
 def test_options(tmp_path: Path, array: NDArray[np.float32], photo: str, refused: Callable[..., None]) -> None:
     path, out = str(tmp_path / "d.npy"), ["-o", str(tmp_path / "out")]
     np.save(path, array)

@@ -162,6 +162,7 @@ def _read(path: Path) -> object:
     return path.read_bytes() if path.suffix in (".png", ".npz") else "has times"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of tiny photographs
 @pytest.mark.usefixtures("two_iterations")
 @pytest.mark.parametrize(("command", "option"), [(name, option) for name, cases in CASES.items() for option in cases])
@@ -178,6 +179,7 @@ def test_an_option_changes_something(
         assert option == "pascal3d" or len(changed[1]) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("command", CASES)
 def test_the_same_options_give_the_same(command: str, inputs: Path, tmp_path: Path, computed: list[Any]) -> None:
@@ -201,6 +203,7 @@ def test_no_option_is_forgotten(command: str) -> None:
     assert {each.dest for each in commands._actions} - HOW == {*CASES[command]}
 
 
+@pytest.mark.slow
 def test_a_seed_that_changes_nothing_says_so(inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A search from a learned prior draws no random numbers; samples and other searches do."""
     command = ["invert", str(inputs / "cat.png"), "-o", str(tmp_path / "out"), "--size", "40", "--quality", "fast"]

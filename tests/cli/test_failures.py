@@ -57,6 +57,7 @@ sys.argv = ["nablahog", "hog", "cat.png", "-o", "cat.npz"]
 sys.exit(main())"""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="a process cannot send itself Ctrl-C there")
 def test_ctrl_c_in_an_import_ends_the_command() -> None:
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True, timeout=120)

@@ -28,6 +28,7 @@ def gradients(images: Tensor, name: str) -> tuple[Tensor, Tensor, Tensor]:
     return histograms.detach(), first.detach(), second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECS)
 def test_pieces_change_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     images = noise(2, 3, 31, 29)

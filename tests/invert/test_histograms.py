@@ -61,6 +61,7 @@ def scene(dtype: torch.dtype = torch.float32) -> Tensor:
     return torch.stack([disc, square])[:, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECS)
 def test_an_image_is_found_for_every_dialect(name: str) -> None:
     """Nearly of the descriptor, and like the scene, or its negative if unsigned."""
@@ -152,6 +153,7 @@ def test_directed_texture_alone_is_refused() -> None:
         reconstruct(hog(scene(), spec), spec, SIZE, prior=None)
 
 
+@pytest.mark.slow
 def test_a_root_is_searched_and_squared() -> None:
     spec = dataclasses.replace(presets.uoctti(4), gamma="sqrt", value_range=255.0)
     root = dataclasses.replace(presets.uoctti(4), value_range=255.0**0.5)
@@ -161,6 +163,7 @@ def test_a_root_is_searched_and_squared() -> None:
     assert (result.image - expected.image.square()).abs().mean() < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uoctti", "skimage", "maskfeat"])
 def test_each_colour_described_separately(name: str) -> None:
     s = dataclasses.replace({"uoctti": presets.uoctti(4), **SPECS}[name], colour="separate", layout="cells")

@@ -23,6 +23,7 @@ from .prior_dialects import FEW, PAPER, UOCTTI, every_dialect, signed_and_unsign
 # --- the expected image
 
 
+@pytest.mark.slow
 @every_dialect
 def test_expected_of_a_batch_is_that_of_each_at_the_contrast_of_the_histograms(spec: HOGSpec) -> None:
     images, prior = torch.cat([photograph(128, name) for name in ("camera", "coins")]), tiny_models.prior(spec)
@@ -130,6 +131,7 @@ def test_the_packages_priors_are_the_default(spec: HOGSpec) -> None:
         assert float(metrics.cross_correlation(default.image[0, 0], alone.image[0, 0])) > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [False, True])
 @signed_and_unsigned
 def test_multi_scale(spec: HOGSpec, more: bool) -> None:
@@ -159,6 +161,7 @@ def test_a_search_from_a_prior_draws_no_random_numbers() -> None:
 # --- samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [PAPER, presets.skimage(transform_sqrt=True)], ids=lambda spec: spec.name)
 def test_samples_and_their_agreement(spec: HOGSpec) -> None:
     descriptor = hog(torch.cat([photograph(64), photograph(64, "coins")]), spec)

@@ -109,6 +109,7 @@ def test_the_result_is_closer_than_the_start_and_not_far_from_the_expected_image
     assert (relative(kept)[:2] > relative(free)[:2]).all()
 
 
+@pytest.mark.slow
 @every_minimiser
 def test_reconstruct_by_any_minimiser(minimiser: Minimiser) -> None:
     """Two samples and a flat image, alone as in a batch."""

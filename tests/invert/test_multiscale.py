@@ -64,6 +64,7 @@ def test_scale_descriptors_are_those_of_averaged_images() -> None:
         scale_descriptors(image[..., :47], PAPER, (4, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "more"), [(presets.uoctti, True), (presets.uoctti, False), (presets.paper, True)])
 def test_levels_grow_and_report_their_own_distance(preset: Any, more: bool) -> None:
     spec, size = preset((8, 16)), (32, 48)
@@ -99,6 +100,7 @@ def test_the_printed_normalisers_scale_is_that_of_a_smooth_image() -> None:
         assert (descriptor.norm() / full.norm()).item() == pytest.approx(scale**-0.25, rel=0.1)
 
 
+@pytest.mark.slow
 @all_specs
 @both_variants
 def test_a_photograph_comes_back(spec: HOGSpec, more: bool) -> None:
@@ -154,6 +156,7 @@ def test_partial_cells_where_the_size_is_given() -> None:
     assert [tuple(image.shape[2:]) for image in images(levels)] == [(22, 26), (44, 52)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["signed", "paper"])
 @both_variants
 def test_batch_equals_loop_and_the_seed_decides(name: str, more: bool) -> None:

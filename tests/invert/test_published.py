@@ -95,6 +95,7 @@ def test_finds_an_image_from_noise_and_keeps_the_iterates() -> None:
     assert (array.image.shape, array.iterates.shape) == ((24, 24), (2, 24, 24))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.name)
 def test_the_distance_from_a_descriptor_of_zeros_is_absolute(spec: HOGSpec) -> None:
     descriptor = torch.zeros_like(hog(photograph(32), spec))
@@ -104,6 +105,7 @@ def test_the_distance_from_a_descriptor_of_zeros_is_absolute(spec: HOGSpec) -> N
     assert reconstruct(descriptor, spec, (32, 32), prior=None, quality="fast").distance == 0
 
 
+@pytest.mark.slow
 def test_another_default_dtype_gives_the_same() -> None:
     descriptor = hog(photographs(1, 24), SPEC)
     expected = reconstruct(descriptor, SPEC, method=ONCE).image
@@ -116,6 +118,7 @@ def test_another_default_dtype_gives_the_same() -> None:
         assert torch.equal(image, expected)
 
 
+@pytest.mark.slow
 def test_the_seed_and_the_start_decide() -> None:
     image = photographs(1, 24)
     descriptor = hog(image, SPEC)
@@ -126,6 +129,7 @@ def test_the_seed_and_the_start_decide() -> None:
     assert reconstruct(descriptor, SPEC, method=ONCE, start=torch.full_like(image, 0.5)).distance < 1
 
 
+@pytest.mark.slow
 def test_a_batch_in_parts_is_its_images_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = presets.paper()
     descriptors, calls = hog(photographs(3, 32), spec).double(), []
@@ -142,6 +146,7 @@ def test_a_batch_in_parts_is_its_images_alone(monkeypatch: pytest.MonkeyPatch) -
     assert whole.evaluations[1] == alone.evaluations[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [False, True])
 def test_levels(more: bool) -> None:
     spec, image = presets.paper(), photographs(1, 32)

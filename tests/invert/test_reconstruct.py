@@ -97,6 +97,7 @@ def test_batch_equals_loop(name: str, search: Search, given: str | None) -> None
     assert together.evaluations.tolist() == [int(one.evaluations) for one in alone]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", [UOCTTI, PAPER, presets.aubry()], ids=lambda spec: spec.name)
 def test_batch_equals_loop_with_learned_priors(spec: HOGSpec) -> None:
     """To the last bit: searches enlarge differences in rounding to other images, or to negatives."""
@@ -185,6 +186,7 @@ def test_given_images_guide_the_search_at_any_contrast(name: str, which: str) ->
     assert (abs(correlation(negative, image)) > 0.97) == (not spec.signed)
 
 
+@pytest.mark.slow
 def test_of_an_unsigned_image_and_its_negative_the_likelier_is_returned() -> None:
     def invert(image: Tensor, spec: HOGSpec, budget: int) -> Tensor:
         return reconstruct(hog(image, spec), spec, search=Search(max_evaluations=budget), prior=None).image
@@ -295,6 +297,7 @@ def test_options_out_of_range() -> None:
 METHODS: dict[str, dict[str, Any]] = {"default": {"quality": "fast"}, "paper": {"method": AsPublished(iterations=3)}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spec", [UOCTTI, presets.opencv(win_size=(32, 32), nbins=18, signed=True)], ids=["uoctti", "roots of images"]
 )

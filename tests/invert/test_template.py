@@ -38,6 +38,7 @@ def template(spec: HOGSpec) -> Tensor:
     return hog(disc(), spec) - hog(noise, spec)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in SPECS if name != "paper"])  # whose signs are anybody's guess
 def test_what_is_seen_has_the_shape_in_it(name: str) -> None:
     spec = SPECS[name]
@@ -80,6 +81,7 @@ def test_refusals() -> None:
             template_descriptor(weights, presets.uoctti(4), negative=negative)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uoctti", "paper"])
 def test_a_detector_likes_the_pre_image_of_its_weights(name: str) -> None:
     """More than that of what it dislikes; several searches of an unsigned one are averaged, and a seed repeats them."""

@@ -251,6 +251,7 @@ def test_votes_of_unsigned_dialects_come_with_the_images(monkeypatch: pytest.Mon
             assert float(torch.corrcoef(torch.stack([votes, edges]))[0, 1]) > 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("specs", SignedTraining.dialects[2:], ids=lambda specs: "-".join(s.name for s in specs))
 def test_histograms_of_signed_dialects_come_with_the_windows(
     monkeypatch: pytest.MonkeyPatch, specs: list[HOGSpec]

@@ -131,6 +131,7 @@ ASKED: dict[str, tuple[Callable[[], Array], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ASKED)
 def test_asked_about(name: str) -> None:
     make, words = ASKED[name]
@@ -207,6 +208,7 @@ def test_windows_with_nothing_in_common_are_asked_about() -> None:
     assert (9, (128, 64)) in [(each.count, each.image_size) for each in found.candidates[: found.likely]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corner", [(150, 349), (117, 493), (92, 23)])
 def test_faint_windows_of_opencv_clip_nothing(corner: tuple[int, int]) -> None:
     """The first ε of L2-Hys is large: of a sky no entry reaches the clip."""

@@ -75,6 +75,7 @@ def test_others_read_it(tmp_path: Path) -> None:
     assert [row.path for row in DescriptorDataset(str(tmp_path))] == ["0.png", "1.png", "bad.png"]
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_is_noticed_or_changes_nothing(tmp_path: Path) -> None:
     """In pages and footer of a shard; what is noticed names the shard, or is missing to whoever completes it."""
     expected, url, shard = rows(6), str(tmp_path), tmp_path / shard_name(0)

@@ -108,6 +108,7 @@ def test_a_lost_scheduler(tmp_path: Path) -> None:
             list(outcomes)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_while_it_is_connected_to(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async def never_connects(self: object, **options: object) -> None:
         await asyncio.sleep(60)

@@ -122,6 +122,7 @@ list(run_jobs([time.sleep] * 100, workers=2))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 0.9])
 def test_a_parent_that_is_killed_while_workers_start(seconds: float) -> None:
     with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, text=True) as parent:

@@ -45,6 +45,7 @@ def test_round_trip(tmp_path: Path) -> None:
     assert np.array_equal(result.pictures, RESULT.pictures)
 
 
+@pytest.mark.slow
 def test_progress_tells_what_is_done_and_at_work(tmp_path: Path) -> None:
     """Of a second run, which finds all stored, only that."""
     jobs = {"dark": job(DARK), "bright": job(BRIGHT)}

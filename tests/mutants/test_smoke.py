@@ -176,6 +176,7 @@ def test_order_of_lines_depends_on_their_texts_alone(toy: Checkout) -> None:
     assert [pair for pair in after if pair[0] != "LARGEST = 9"] == before
 
 
+@pytest.mark.slow
 @needs_fork
 def test_tries_parts_and_resumes(toy: Checkout) -> None:
     run(toy, "--all", "--part", "1/2", "--under", "box.py")
@@ -189,6 +190,7 @@ def test_tries_parts_and_resumes(toy: Checkout) -> None:
     assert any(line.startswith("alone\t") and line.endswith("::test_cube") for line in report)
 
 
+@pytest.mark.slow
 @needs_fork
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
 def test_compiles_what_it_breaks(toy: Checkout) -> None:

@@ -171,6 +171,7 @@ def test_the_probability_of_a_range_follows_bayes() -> None:
     assert probability_in_range(likely.log(), ~torch.zeros_like(near)) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("models", [1, 4])
 def test_a_range_without_the_object_has_a_low_confidence(models: int) -> None:
     meshes = dict(list(sample_chairs().items())[:models])
@@ -189,6 +190,7 @@ def test_a_range_without_the_object_has_a_low_confidence(models: int) -> None:
         assert flat.confidence < 0.3
 
 
+@pytest.mark.slow
 def test_a_uniform_photograph_without_a_box_has_a_pose_that_is_not_trusted() -> None:
     flat = estimate_pose(torch.full((1, 128, 128), 0.5), model())
     assert flat.confidence is not None

@@ -224,6 +224,7 @@ def test_with_the_focal_length_the_distance_is_the_true_one(scene: tuple[Tensor,
     assert abs(longer.distance - 5.6) < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boxed", [True, False])
 def test_azimuths_near_the_initial_one_alone_are_searched(scene: tuple[Tensor, Box], boxed: bool) -> None:
     image, box = scene
@@ -265,6 +266,7 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
     assert off < 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [None, (1100.0, 900.0)])
 def test_large_photographs_are_shrunk_in_two_steps(
     axis: tuple[float, float] | None, monkeypatch: pytest.MonkeyPatch

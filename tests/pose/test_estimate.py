@@ -157,6 +157,7 @@ def test_units_and_origin_of_a_model_make_no_difference(clean: Scene, unit: floa
     torch.testing.assert_close(other.pose, one.pose, rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_smallest_photograph_and_box() -> None:
     """What the search finds may be smaller than what it is given."""
     image = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(0))
@@ -164,6 +165,7 @@ def test_the_smallest_photograph_and_box() -> None:
         assert torch.isfinite(estimate_pose(image, model(), box=box).pose).all()
 
 
+@pytest.mark.slow
 def test_a_box_that_is_found_around_a_thin_object_can_be_given_again() -> None:
     rod = cuboid((1.0, 0.012, 0.012), 0.2).normalized()
     image, _ = photographed(rod, 20, 10)
@@ -211,6 +213,7 @@ def test_an_object_that_is_there_is_surer_than_one_that_is_not() -> None:
     assert nothing.confidence < 0.3
 
 
+@pytest.mark.slow
 def test_runners_up_are_other_sides_the_best_first() -> None:
     image, box = photographed(model(), 40, 15, behind="coffee")
     estimate = estimate_pose(image, {"wooden": model(WOODEN), "swivel": model(SWIVEL)}, box=box)
@@ -226,6 +229,7 @@ def test_runners_up_are_other_sides_the_best_first() -> None:
     assert min(degrees_between(one, other) for k, one in enumerate(sides) for other in sides[:k]) > 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["best", "paper-edges"])
 def test_each_pose_that_the_search_comes_to_is_watched(clean: Scene, method: Any) -> None:
     seen: list[tuple[str, Tensor]] = []

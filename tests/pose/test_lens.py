@@ -48,6 +48,7 @@ def photographed(azimuth: float, elevation: float, place: tuple[float, float, fl
     return distort(render(*scene)[0, 0]), matrix, box_around(distort(silhouette(*scene)[0, 0])[0] > 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("azimuth", "elevation", "place"), [(35, 18, (1.0, -0.35, 2.6)), (130, 12, (-1.3, 0.3, 2.8))])
 def test_the_pose_is_found_again(azimuth: float, elevation: float, place: tuple[float, float, float]) -> None:
     photo, matrix, box = photographed(azimuth, elevation, place)
@@ -60,6 +61,7 @@ def test_the_pose_is_found_again(azimuth: float, elevation: float, place: tuple[
     assert off > 0.2  # the lens alone: the test can fail
 
 
+@pytest.mark.slow
 def test_without_a_box_it_is_found_in_pixels_of_the_photograph() -> None:
     photo, matrix, box = photographed(130, 12, (-1.3, 0.3, 2.8))
     estimate = estimate_pose(photo, model(), intrinsics=K, distortion=DISTORTION)

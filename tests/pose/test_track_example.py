@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+import pytest
 import torch
 
 import nablahog
@@ -14,6 +15,7 @@ from ..chairs import chair
 FILE = Path(__file__).parents[2] / "examples" / "track.py"
 
 
+@pytest.mark.slow
 def test_an_object_is_followed() -> None:
     spec = importlib.util.spec_from_file_location("track", FILE)
     assert spec is not None

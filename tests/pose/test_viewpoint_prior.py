@@ -127,6 +127,7 @@ def _scene(index: int, models: dict[str, Mesh], photographs: list[Tensor]) -> Sc
     return scene(index, models, viewpoint, photographs, seed=5, settings=settings)
 
 
+@pytest.mark.slow
 def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None:
     models = {str(seed): chair(seed) for seed in range(10)}
     photographs = [torch.rand(200, 200, generator=torch.Generator().manual_seed(3))]

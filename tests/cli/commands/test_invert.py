@@ -149,6 +149,7 @@ def test_a_model_of_voc_release5(tmp_path: Path) -> None:
     assert page.count("data:image/png;base64,") == 2 * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["yml", "xml.gz", "json"])
 def test_a_detector_that_opencv_saved(tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(template, "TEMPLATE_SAMPLES", 2)

@@ -73,6 +73,7 @@ def read_row(tmp_path: Path) -> dict[str, str]:
     return row
 
 
+@pytest.mark.slow
 def test_the_best_of_several_models(
     tmp_path: Path, scene: list[str], run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +139,7 @@ def test_chairs_that_come_with_the_package(
     assert degrees_between(result["azimuth"], AZIMUTH) < 5
 
 
+@pytest.mark.slow
 def test_the_papers_method(tmp_path: Path, scene: list[str], wedge: str, run: Run) -> None:
     scene[2] = wedge
     assert run(*scene, "--method", "paper", "--init", f"120,{ELEVATION}", "--page")["similarity_kind"] == "patches"
@@ -235,6 +237,7 @@ def test_without_a_box_the_object_is_looked_for(scene: list[str], run: Run) -> N
     assert not result["refused"]
 
 
+@pytest.mark.slow
 def test_a_pose_that_is_not_sure_is_refused(
     scene: list[str], tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -266,6 +269,7 @@ def test_where_the_focal_length_is_from(scene: list[str], run: Run) -> None:
     assert [[each["intrinsics"][k][2] for k in range(2)] for each in poses] == [[80, 70], assumed, [90, 75]]
 
 
+@pytest.mark.slow
 def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_the_figures(
     scene: list[str], tmp_path: Path, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:

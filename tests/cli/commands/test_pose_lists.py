@@ -95,6 +95,7 @@ def test_a_list_of_objects(tmp_path: Path, photos: Path, capsys: pytest.CaptureF
             assert one.box == pytest.approx(other.box)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera",
     [["--intrinsics", "300,270,92,73"], ["--intrinsics", "300,330,60,90", "--distortion=0.2,0,0,0"]],

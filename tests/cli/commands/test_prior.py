@@ -39,6 +39,7 @@ def test_signed_descriptors(tmp_path: Path, photo: str, prior: str) -> None:
     assert [polarity for _, polarity in made] == [None] * 3
 
 
+@pytest.mark.slow
 def test_unsigned_descriptors(
     tmp_path: Path, photo: str, unsigned_prior: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -77,6 +78,7 @@ def test_an_installation_without_priors(
     refused(*command, message=message, status=2)
 
 
+@pytest.mark.slow
 def test_samples(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     options = ["invert", photo, *SMALL, "--samples", "2", "-o"]
@@ -91,6 +93,7 @@ def test_samples(tmp_path: Path, photo: str, capsys: pytest.CaptureFixture[str])
     assert "cat_samples.png" not in names(tmp_path / "signed")
 
 
+@pytest.mark.slow
 def test_the_table(
     tmp_path: Path, images: str, prior: str, unsigned_prior: str, here: None, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -112,6 +112,7 @@ def test_files_of_another_kind(
     refused(*table, "--methods", "bovw", "--learned", f"hoggles={hoggles}", message="these do: hoggles", status=2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_without_a_file_it_is_learned_once(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = replace(LEARNED["hoggles"], learn=partial(LEARNED["hoggles"].learn, atoms=8, iterations=1))

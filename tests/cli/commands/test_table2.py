@@ -161,6 +161,7 @@ def test_photographs_of_mine(tmp_path: Path, own: str, models: str, capsys: pyte
     assert names(out) == TABLES
 
 
+@pytest.mark.slow
 def test_conditions_and_a_repeated_run(tmp_path: Path, models: str) -> None:
     out = tmp_path / "out"
     options = ["--models", models, "--conditions", "tilted,exact", "--objects", "2"]

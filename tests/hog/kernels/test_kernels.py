@@ -309,6 +309,7 @@ def test_without_a_graph_the_result_is_the_same(name: str) -> None:
         assert torch.equal(hog(x, s), with_graph)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads its memory in /proc")
 def test_many_calls_take_no_more_memory_than_a_few() -> None:
     x, image = noise(1, 1, 512, 512).requires_grad_(), np.zeros((256, 256), np.uint8)

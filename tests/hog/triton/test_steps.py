@@ -89,6 +89,7 @@ def test_cells_and_derivatives_are_those_of_the_reference(name: str, dtype: torc
     assert_same(noise(1, channels(SPECS[name]), 14, 13, dtype=dtype), SPECS[name])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINKS)
 def test_on_kinks_too(name: str) -> None:
     """Few gray levels: gradients of zero, on bin centres, and on the diagonals, with the derivatives agreed upon."""
@@ -156,6 +157,7 @@ def test_any_strides(name: str) -> None:
     assert torch.equal(hog(gray, s, backend="triton"), hog(gray.contiguous(), s, backend="triton"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1, 1, 4, 4), (1, 1, 5, 70), (1, 2, 37, 4), (1, 5, 9, 8)])
 def test_odd_sizes(shape: tuple[int, ...]) -> None:
     """One cell, several programs a row or column, and numbers of channels that are no colours."""

@@ -57,6 +57,7 @@ def iou(a: Any, b: Any) -> float:
     return Box(*a).iou(Box(*b))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "azimuth"), [("a", 30), ("b", 250)])
 @pytest.mark.parametrize("focal", [200, 560])
 def test_a_rendering_is_found_again(name: str, azimuth: float, focal: float) -> None:

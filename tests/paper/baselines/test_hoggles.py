@@ -178,6 +178,7 @@ def test_fast_atoms_are_windows_with_their_patches() -> None:
     assert (pair.learning.iterations, pair.learning.objective, pair.learning.windows) == (0, (), len(pool))
 
 
+@pytest.mark.slow
 def test_the_seed_decides() -> None:
     first = _learned()
     second = learn_hoggles(dict(reversed(_images().items())), SPEC, atoms=40, iterations=4)
