@@ -102,7 +102,7 @@ def test_bounds_that_other_numbers_keep_too_decide_nothing(name: str) -> None:
 
 
 def test_opposite_directions_add_up_below_half_the_clip() -> None:
-    """Two of a cell that do not, though the cell's sum is right, and none below a third of the clip."""
+    """It is noticed if two entries do not, in a cell whose sum is right, both between a third and half of the clip."""
     array, spec = described("astronaut", SPECS["uoctti"]).float().numpy(), SPECS["uoctti"]
     candidate = Candidate("uoctti", {}, spec, FittedLayout("cells", array.shape, (192, 192)))
     undirected = array[..., 18:27]

@@ -315,13 +315,13 @@ def test_many_calls_take_no_more_memory_than_a_few() -> None:
     x, image = noise(1, 1, 512, 512).requires_grad_(), np.zeros((256, 256), np.uint8)
     opencv = HOGDescriptor()
 
-    def call() -> int:
-        """Returns the bytes of memory that the process has afterwards."""
+    def memory_after_calls() -> int:
+        """Bytes that the process has."""
         for _ in range(60):
             hog(x, "uoctti").sum().backward()
             opencv.computeGradient(image, None, None)
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
     with threads(2):
-        before = call()
-        assert call() < before + 2**22
+        before = memory_after_calls()
+        assert memory_after_calls() < before + 2**22
