@@ -141,10 +141,7 @@ def test_an_object_that_cannot_be_searched_is_skipped(
     assert [bool(row["error"]) for row in rows] == [False, True]
 
 
-def test_what_is_outside_an_outline_is_not_looked_at(tmp_path: Path, photos: Path) -> None:
-    """Beside the chair is the same chair from another side."""
-    one, other = (read_image(photos / name) for name in TRUE)
-    write_image(photos / "a.png", torch.cat([one, other], dim=2))
+def test_an_object_that_is_listed_by_its_outline_alone(tmp_path: Path, photos: Path) -> None:
     sides = [30.0, 10.0, 150.0, 10.0, 150.0, 140.0, 30.0, 140.0]
     annotation = {"id": 1, "image_id": 1, "segmentation": [sides]}
     listed = tmp_path / "objects.json"

@@ -77,7 +77,6 @@ def test_a_constant_image_has_a_derivative(bilinear: bool) -> None:
 
 
 def test_the_objective_has_its_derivative() -> None:
-    """Of a small image, where no other vote is the nearest."""
     net, x, σ = CNNHOG(4), textured(1, 1, 8, 8), 3.0
     target = net.descriptor(textured(1, 1, 8, 8, seed=1)).permute(0, 3, 1, 2)
     scale = target.flatten(1).norm(dim=1)
