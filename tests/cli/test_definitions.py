@@ -62,6 +62,12 @@ COMMANDS = {
     "table1": "--images PHOTOS --methods uoctti-single --max-evaluations 2",
     "table2": "--objects 1 --methods exhaustive --conditions exact",
 }
+HEADINGS = {  # of the page, before the definitions
+    "invert": ["0.png, paper", "1.png, paper", "Skipped inputs"],
+    "pose": ["Outlines", "Positions", "Doubtful poses", "No pose"],
+    "table1": ["Failed: 1", "Pictures"],
+    "table2": ["Rotation", "Harder conditions", "Pictures"],
+}
 
 
 @pytest.mark.slow
@@ -78,3 +84,5 @@ def test_all_is_defined(tmp_path: Path, command: str) -> None:
     (photographs / "objects.csv").write_text("image,x0,y0,x1,y1\n0.png,5,5,60,60\nbad.png,5,5,60,60\n")
     main([command, *COMMANDS[command].replace("PHOTOS", str(photographs)).split(), "-o", str(out)])
     assert not undefined(out)
+    headings = re.findall("<h2>(.*?)</h2>", (out / "index.html").read_text())
+    assert headings == [*HEADINGS[command], "What the figures mean"]

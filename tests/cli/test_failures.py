@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -119,6 +120,22 @@ def test_bytes_are_not_written_to_a_terminal(
     for command in ("hog", "glyph"):
         assert main([command, str(tmp_path / "a.png"), "-o", "-"]) == 1
         assert "stdout is a terminal: expected a pipe" in capsys.readouterr().err
+
+
+def test_what_the_package_logs_is_shown_in_a_terminal(
+    photo: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    package = logging.getLogger("nablahog")
+    monkeypatch.setattr(package, "handlers", [])
+    monkeypatch.setattr(package, "level", logging.NOTSET)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    for _ in range(2):
+        assert main(["hog", photo, "-o", str(tmp_path / "a.npz")]) == 0
+    capsys.readouterr()
+    logger = logging.getLogger("nablahog.jobs.cluster")
+    logger.info("the dashboard: %s", "a\nb")
+    logger.debug("no")
+    assert capsys.readouterr().err == "nablahog: the dashboard: a b\n"
 
 
 IN_C = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}

@@ -136,6 +136,11 @@ def test_views_and_lists() -> None:
                 each(image[..., 0], pixels_per_cell=size)
 
 
+@pytest.mark.parametrize("cell", [(1, 1), (2, 1), (1, 3), (2, 2), (3, 2)])
+def test_pictures_of_the_smallest_cells(cell: tuple[int, int]) -> None:
+    assert_same(crop(5, 20, 24)[..., 0], orientations=8, pixels_per_cell=cell, cells_per_block=(1, 1))
+
+
 @pytest.mark.parametrize("norm", NORMS)
 def test_faint_images(norm: str) -> None:
     """The ε of blocks is not scaled."""

@@ -69,7 +69,7 @@ def test_nothing_is_asked_for_by_no_options(command: str) -> None:
 @pytest.mark.parametrize(
     ("command", "name", "default", "least", "most"),
     [
-        ("hog", "size", 0, (0, -1), None),
+        ("hog", "size", 0, (0, -1), (10**18 - 1, 10**18)),
         ("glyph", "size", 256, (0, -1), None),
         ("glyph", "row", None, (0, -1), None),
         ("invert", "samples", None, (2, 1), (64, 65)),

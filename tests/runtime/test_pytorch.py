@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import torch
 
-from nablahog.runtime.pytorch import _one_thread, in_threads, run_in_threads, seeded
+from nablahog.runtime.pytorch import _one_thread, in_threads, memory_for, run_in_threads, seeded
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # of forks
 needs_fork = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
@@ -81,6 +81,15 @@ def test_errors_of_parts_come_when_all_have_ended(two_threads: None, bad: int) -
     with pytest.raises(ValueError, match="no"):
         run_in_threads(work, 8)
     assert len(ended) == 1
+
+
+def test_memory_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a GPU with 100 bytes free, and 40 kept by PyTorch, of which tensors take 30."""
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (100, 1000))
+    monkeypatch.setattr(torch.cuda, "memory_reserved", lambda device: 40)
+    monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: 30)
+    assert memory_for(torch.device("cuda"), 7, 0.5) == 55
+    assert memory_for(torch.device("cpu"), 7, 0.5) == 7
 
 
 def run_forked(work: Callable[[], Any]) -> Any:

@@ -67,11 +67,13 @@ def test_labels_are_round_numbers(largest: float, step: float) -> None:
     """At least three steps of 1, 2 or 5 times a power of ten; the part reaches 5 % beyond the values."""
     plot = SimilarityPlot(np.array([0.0, largest]), np.zeros(2), "")
     texts = [shape for shape in plot.drawing.shapes if shape.kind == "text" and shape.anchor == "end"]
-    above = [shape.text for shape in texts if shape.points[0][1] < plot.low.top]
+    above, below = ([s.text for s in texts if (s.points[0][1] < plot.low.top) == upper] for upper in (True, False))
     assert [float(text) for text in above] == pytest.approx([k * step for k in range(len(above))])
     assert (len(above) - 1) * step <= 1.05 * largest < len(above) * step
-    level = [line[0, 1] for line in lines(plot.drawing, "grid") if line[0, 1] == line[1, 1] < plot.low.top]
-    assert level == pytest.approx([plot.top.y(float(text)) for text in above])
+    level = [line[0, 1] for line in lines(plot.drawing, "grid") if line[0, 1] == line[1, 1]]
+    places = [*(plot.top.y(float(text)) for text in above), *(plot.low.y(float(text)) for text in below)]
+    assert level == pytest.approx(places)
+    assert "0" in below
 
 
 def test_all_lies_in_the_drawing_and_no_text_on_another() -> None:
