@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from nablahog.cli import terminal
 from nablahog.cli.main import main
 
 from .common import CHELSEA, TETRAHEDRON
@@ -62,6 +63,7 @@ COMMANDS = {
     "table1": "--images PHOTOS --methods uoctti-single --max-evaluations 2",
     "table2": "--objects 1 --methods exhaustive --conditions exact",
 }
+COUNTED = {"invert": "evaluations", "pose": "objects", "table1": "results", "table2": "results"}  # by lines of progress
 HEADINGS = {  # of the page, before the definitions
     "invert": ["0.png, paper", "1.png, paper", "Skipped inputs"],
     "pose": ["Outlines", "Positions", "Doubtful poses", "No pose"],
@@ -73,8 +75,11 @@ HEADINGS = {  # of the page, before the definitions
 @pytest.mark.slow
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("command", COMMANDS)
-def test_all_is_defined(tmp_path: Path, command: str) -> None:
+def test_all_is_defined(
+    tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of two photographs, and a file that is none."""
+    monkeypatch.setattr(terminal, "FIRST_LINE", 0.0)
     photographs, out = tmp_path / "photographs", tmp_path / "out"
     photographs.mkdir()
     for k in range(2):
@@ -84,5 +89,6 @@ def test_all_is_defined(tmp_path: Path, command: str) -> None:
     (photographs / "objects.csv").write_text("image,x0,y0,x1,y1\n0.png,5,5,60,60\nbad.png,5,5,60,60\n")
     main([command, *COMMANDS[command].replace("PHOTOS", str(photographs)).split(), "-o", str(out)])
     assert not undefined(out)
+    assert re.search(rf"^nablahog {command}: \d+ of \d+ {COUNTED[command]} done", capsys.readouterr().err, re.MULTILINE)
     headings = re.findall("<h2>(.*?)</h2>", (out / "index.html").read_text())
     assert headings == [*HEADINGS[command], "What the figures mean"]

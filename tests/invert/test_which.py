@@ -344,6 +344,15 @@ def test_numbers_of_no_preset_are_not_decided() -> None:
         which_hog(np.full(36, np.nan))
 
 
+@pytest.mark.parametrize(
+    ("preset", "reason"),
+    [("seeing3d", "no other size"), ("dpm", "texture adds up"), ("opencv", "exceeds the clip 0.2")],
+)
+def test_the_reason_that_is_given(preset: str, reason: str) -> None:
+    array = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), preset, layout="native")
+    assert reason in which_hog(array, (64, 48), dialects={preset: {}}).decided_by
+
+
 @pytest.mark.slow
 def test_columns_of_data_frames_and_summaries() -> None:
     vector = nablahog.hog(np.random.default_rng(0).random((64, 48), np.float32), "skimage", layout="native")
