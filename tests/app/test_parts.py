@@ -8,6 +8,7 @@ import re
 import threading
 import time
 import weakref
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from graphlib import TopologicalSorter
 
@@ -138,6 +139,14 @@ def test_the_width_of_a_chart(asked: int, width: int) -> None:
     chart = SimilarityChart()
     chart.move((30.0, 20.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.0, asked)
     assert f'width="{width}"' in chart.draw()["svg"]
+
+
+def test_a_chart_shows_the_newest_steps() -> None:
+    chart = SimilarityChart()
+    chart.move((30.0, 20.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.0, 480)
+    chart.steps += [(0.0, 1.0), *300 * [(10.0, 1.0)]]
+    places = Counter(re.findall('<circle.+? cx="(.+?)"', chart.draw()["svg"]))
+    assert sorted(places.values()) == [2, 300]  # the pose itself in both parts
 
 
 def test_snippets_for_a_pose_have_its_seed() -> None:

@@ -67,6 +67,7 @@ def test_names_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], m
     printed = capsys.readouterr()
     assert SHOWN in printed.err
     assert "\x1b[31m\x9b" not in printed.err
+    assert printed.err.endswith("\x1b[2K")  # the bar is wiped out in the end
 
 
 def test_wide_tables_fit_a_narrow_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

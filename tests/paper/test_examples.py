@@ -150,6 +150,9 @@ def test_viewpoints() -> None:
     steep = [_made("steep", index).elevation for index in range(12)]
     assert all(-20 <= elevation <= 75 for elevation in steep)
     assert max(steep) > 45
+    given = VIEWS.tolist()
+    assert [_made("tilted").azimuth, _made("tilted").elevation] in [view[:2] for view in given]
+    assert [_made("steep").azimuth, _made("steep").theta] in [view[::2] for view in given]
 
 
 def test_another_look_changes_the_image_only() -> None:
