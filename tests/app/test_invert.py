@@ -81,12 +81,16 @@ def test_going_on(client: TestClient, photo: str) -> None:
     assert (name, refused["error"]) == ("error", "an image to continue from must have 64x48 pixels, got 512x512")
 
 
-def test_a_descriptor_alone(client: TestClient) -> None:
-    file = npy(np.random.default_rng(0).random((4, 4, 31), dtype=np.float32))
+def test_a_descriptor_alone(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = npy(np.random.default_rng(0).random((4, 3, 31), dtype=np.float32))
     of = client.post("/api/descriptors?name=d.npy&preset=uoctti", content=file).json()
+    monkeypatch.setattr(invert_module, "INVERT_SIZE", 32)
     done = events(client, descriptor=of["id"])[-1][1]
     assert (done["cc"], done["ssim"]) == (None, None)
     assert done["snippets"]["command"] == "nablahog invert d.npy -o out --preset uoctti --quality fast"
+    monkeypatch.setattr(invert_module, "INVERT_SIZE", 31)
+    name, refused = events(client, descriptor=of["id"])[-1]
+    assert (name, refused["error"]) == ("error", "expected an image of at most 31 pixels a side, got 32x24")
 
 
 def test_a_template(client: TestClient) -> None:

@@ -8,6 +8,7 @@ import os
 import tempfile
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from skimage.data import camera
 from starlette.testclient import TestClient
 
 from nablahog import hog, presets, save_descriptor
-from nablahog.app import uploads
+from nablahog.app import server, uploads
 
 from .conftest import npy, npz
 
@@ -44,14 +45,69 @@ def test_too_many_pixels_are_refused_before_they_are_decoded(
     )
 
 
-def test_a_descriptor_file(client: TestClient) -> None:
+def test_an_upload_that_takes_too_long_makes_room_for_others(
+    client: TestClient, photo_file: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(server, "UPLOAD_SECONDS", 0.0)
+        for _ in range(server.UPLOADS_AT_ONCE):
+            answer = client.post("/api/photos", content=photo_file)
+            assert (answer.status_code, answer.json()["error"][:27]) == (408, "the upload took more than 0")
+    assert client.post("/api/photos", content=photo_file).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "sentence"),
+    [
+        (MemoryError(), 503, "not enough memory: a smaller size needs less"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), 503, "not enough memory: a smaller size"),
+        (RuntimeError("shapes differ"), 500, "an error in the program, please report it: RuntimeError: shapes"),
+    ],
+)
+def test_memory_that_runs_out_is_no_error_in_the_program(
+    client: TestClient,
+    photo_file: bytes,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    status: int,
+    sentence: str,
+) -> None:
+    monkeypatch.setattr(uploads, "read_image", Mock(side_effect=error))
+    answer = client.post("/api/photos", content=photo_file)
+    assert (answer.status_code, answer.json()["error"][: len(sentence)]) == (status, sentence)
+
+
+@pytest.fixture(scope="module")
+def descriptor_file() -> bytes:
+    """A UoCTTI descriptor, (8, 6, 31), of an image of 64x48 pixels."""
     file = io.BytesIO()
     save_descriptor(file, hog(np.eye(64, 48, dtype=np.float32), "uoctti"), "uoctti", (64, 48))
-    said = client.post("/api/descriptors?name=d.npz", content=file.getvalue()).json()
+    return file.getvalue()
+
+
+def test_a_descriptor_file(client: TestClient, descriptor_file: bytes) -> None:
+    said = client.post("/api/descriptors?name=d.npz", content=descriptor_file).json()
     expected = {"preset": "uoctti", "shape": [8, 6, 31], "image_size": [64, 48], "template": False}
     assert {name: said[name] for name in expected} == expected
     seen = client.post("/api/hog", json={"descriptor": said["id"]}).json()
     assert (seen["glyphs"]["rows"], seen["glyphs"]["cols"]) == (8, 6)
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "sentence"),
+    [
+        ("MOST_CELLS", 48, "d.npz: expected at most 47 cells, got 8x6"),
+        ("MOST_NUMBERS", 48 * 31, "d.npz: expected a descriptor of at most 1,487 numbers, got 1,488"),
+    ],
+)
+def test_the_largest_descriptor(
+    client: TestClient, descriptor_file: bytes, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, sentence: str
+) -> None:
+    monkeypatch.setattr(uploads, limit, most)
+    assert client.post("/api/descriptors?name=d.npz", content=descriptor_file).status_code == 200
+    monkeypatch.setattr(uploads, limit, most - 1)
+    answer = client.post("/api/descriptors?name=d.npz", content=descriptor_file)
+    assert (answer.status_code, answer.json()["error"]) == (413, sentence)
 
 
 @pytest.mark.slow
@@ -73,13 +129,17 @@ def test_an_array_is_asked_about_if_its_numbers_do_not_decide(client: TestClient
     assert (said["preset"], said["image_size"], said["decided_by"]) == ("paper", [64, 64], "")
 
 
-def test_the_rows_of_a_matrix_are_parts(client: TestClient) -> None:
+def test_the_rows_of_a_matrix_are_parts(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     images = camera()[100:228, 200:328].reshape(128, 2, 64).swapaxes(0, 1)
     data = npy(np.stack([hog(image, presets.opencv(), layout="native") for image in images]))
+    monkeypatch.setattr(uploads, "MOST_PARTS", 2)
     said = client.post("/api/descriptors?name=h.npy", content=data).json()
     assert [part["name"] for part in said["parts"]] == ["row 0", "row 1"]
     seen = client.post("/api/hog", json={"descriptor": said["parts"][1]["id"]}).json()
     assert "--row 1" in seen["snippets"]["command"]
+    monkeypatch.setattr(uploads, "MOST_PARTS", 1)
+    refused = client.post("/api/descriptors?name=h.npy", content=data)
+    assert (refused.status_code, refused.json()["error"]) == (413, "h.npy: expected at most 1 descriptors, got 2")
 
 
 @pytest.mark.parametrize("length", [3780, 3781])
@@ -108,6 +168,7 @@ def test_a_mesh(client: TestClient) -> None:
         ("descriptors?name=d.pkl", b"x", 422, "d.pkl: a pickle is never loaded"),
         ("descriptors?name=d.npy&preset=uoctti", b"x", 422, "d.npy: expected an array (.npy), but it cannot be read"),
         ("descriptors?name=d.npy&settings=%7B", b"x", 400, "expected JSON: "),
+        ("hog", [], 422, "the request does not fit: Expected `object`"),
         ("hog", {}, 422, "expected a photo or a descriptor, got neither"),
         ("hog", {"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),
         ("invert", {"photo": "nothing"}, 410, "the server no longer has this file, as after a restart: open it again"),

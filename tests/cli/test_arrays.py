@@ -49,6 +49,13 @@ def test_one_of_several(tmp_path: Path, array: NDArray[np.float32], refused: Cal
     assert read_image(tmp_path / "g.png").shape == (1, 5 * 16, 8 * 16)
 
 
+def test_a_text_is_no_array(tmp_path: Path, refused: Callable[..., None]) -> None:
+    (tmp_path / "d.csv").write_text("0.1,0.2,0.3")
+    command = ["glyph", str(tmp_path / "d.csv"), "-o", str(tmp_path / "g.png")]
+    refused(*command, message="d.csv: expected an image, got numbers")
+    refused(*command, message="; arrays are read from .npy, .npz and .mat files")
+
+
 class _Bomb:
     """Unpickling this makes a folder."""
 

@@ -122,6 +122,17 @@ def test_bytes_are_not_written_to_a_terminal(
         assert "stdout is a terminal: expected a pipe" in capsys.readouterr().err
 
 
+def test_bytes_are_not_written_to_a_closed_stdout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.new("L", (32, 32), 9).save(tmp_path / "a.png")
+    with open(os.devnull, "w") as closed:
+        monkeypatch.setattr(sys, "stdout", closed)
+        for command in ("hog", "glyph"):
+            assert main([command, str(tmp_path / "a.png"), "-o", "-"]) == 1
+            assert "stdout, which is closed: expected a pipe" in capsys.readouterr().err
+
+
 def test_what_the_package_logs_is_shown_in_a_terminal(
     photo: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

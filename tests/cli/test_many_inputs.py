@@ -171,6 +171,8 @@ def test_stdin_as_it_should_not_be(
     for content, message in ((b"", "-: expected a file of 1 … "), (b"hello", "-: expected an image")):
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
         refused("hog", "-", *to, message=message)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    refused("hog", "-", *to, message="-: expected a file on stdin, got a terminal")
     refused("hog", "-", "-", *to, message="stdin can be read once", status=2)
     refused(
         "hog", photo, photo, "-o", "-", message="several inputs need a folder: expected -o DIR, got stdout", status=2

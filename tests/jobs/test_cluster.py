@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 
 from nablahog.jobs.runner import run_jobs
 from nablahog.jobs.store import JobResult
@@ -132,6 +133,19 @@ def test_no_cluster(cluster: str, error: type[Exception], message: str, monkeypa
     monkeypatch.setattr("nablahog.jobs.cluster.CONNECT", 1.0)
     with pytest.raises(error, match=message):
         list(run_on_cluster([job(DARK)], cluster=cluster))
+
+
+@pytest.mark.parametrize(("ready", "message"), [(False, "has no workers$"), (True, "has no workers any more$")])
+def test_a_cluster_without_workers(monkeypatch: pytest.MonkeyPatch, ready: bool, message: str) -> None:
+    """From the beginning, or since its last one has gone."""
+    if ready:
+        monkeypatch.setattr("nablahog.jobs.cluster._Client.wait_for_workers", lambda *_, **options: None)
+    monkeypatch.setattr("nablahog.jobs.cluster.PATIENCE", 0.1)
+    with (
+        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster,
+        pytest.raises(ChildProcessError, match=f"the cluster {cluster.scheduler_address} {message}"),
+    ):
+        list(run_on_cluster([job(DARK)], cluster=cluster.scheduler_address))
 
 
 def test_no_jobs() -> None:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 
 from nablahog.io.files import replacing
-from nablahog.jobs import processes
-from nablahog.jobs.runner import run_jobs
+from nablahog.jobs import processes, runner
+from nablahog.jobs.runner import map_on, run_jobs
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import DIED, attempt, cores
 from nablahog.paper.methods import ReconstructionMethod
 from nablahog.paper.table1 import ReconstructionJob
 
-from ..paper.common import job
+from ..paper.common import ThisProcess, job
 from ..paper.fakes import DARK, HUNGRY, KILLED, KILLED_ONCE, MISTAKEN, SILENT
 
 
@@ -91,6 +91,13 @@ def test_workers_that_do_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ChildProcessError, match="end before they have started"):
         dict(run_jobs([job(DARK)], workers=2))
     assert not multiprocessing.active_children()
+
+
+def test_a_map_is_in_order_and_raises_why_a_call_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "open_executor", lambda *_: nullcontext(ThisProcess(lambda job: None)))
+    assert list(map_on("a cluster")(int, ["1", "2", "3"])) == [1, 2, 3]
+    with pytest.raises(ValueError, match="invalid literal"):
+        list(map_on("a cluster")(int, ["1", "x", "3"]))
 
 
 def test_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -61,6 +61,10 @@ def test_annotations_that_are_refused(photographs: Path) -> None:
     wrong: list[tuple[dict[str, object], str]] = [
         ({"image": "no.png"}, "column image: .*no.png: no such file"),
         ({"image": "damaged.png"}, "column image: .*damaged.png: expected an image"),
+        ({"image": ""}, "column image: expected the name of a file, got ''"),
+        ({"theta": ""}, "column theta: expected numbers in the columns azimuth, elevation, theta, got none"),
+        ({"azimuth": "", "elevation": ""}, "column theta: expected numbers in the columns"),
+        (dict.fromkeys(("x0", "y0", "x1", "y1"), ""), "column x0: expected a box, got none"),
         ({"y1": "nan"}, "column y1 must be a finite number, got nan"),
         ({"x1": 15}, "column x1: expected a box of at least 8x8 pixels"),
         ({"y1": 121.1}, r"column x0: the box must lie in the image of 120x160 pixels \(height x width\)"),

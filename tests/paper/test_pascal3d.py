@@ -182,7 +182,7 @@ def test_refused_annotations(tmp_path: Path) -> None:
             read_annotation(path)
 
 
-def test_lists(tmp_path: Path) -> None:
+def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lists = tmp_path / "ImageSets" / "Main"
     lists.mkdir(parents=True)
     with pytest.raises(FileNotFoundError, match=r"expected chair_val\.txt or val\.txt"):
@@ -193,4 +193,10 @@ def test_lists(tmp_path: Path) -> None:
     assert read_image_ids(tmp_path, "chair", "val") == ["2008_000003", "2008_000005"]
     (lists / "chair_val.txt").write_text("2008_000003 1\n../../etc/passwd 1\n")
     with pytest.raises(ValueError, match="expected lines like '2008_000003 1', got"):
+        read_image_ids(tmp_path, "chair", "val")
+    (lists / "chair_val.txt").write_bytes(b"a\nb\n")
+    monkeypatch.setattr("nablahog.paper.voc.MAX_LIST_BYTES", 4)
+    assert read_image_ids(tmp_path, "chair", "val") == ["a", "b"]
+    monkeypatch.setattr("nablahog.paper.voc.MAX_LIST_BYTES", 3)
+    with pytest.raises(ValueError, match="a list of images of more than 3 bytes is refused"):
         read_image_ids(tmp_path, "chair", "val")

@@ -151,14 +151,27 @@ def test_settings_are_checked() -> None:
         ({"distance": (0.9, 2)}, "distance must be above 1"),
         ({"size": 100}, "height between 1 and size - 12"),
         ({"gamma": (0, 1)}, "gamma must be above 0"),
+        ({"jpeg": (0, 95.5)}, "jpeg must be 0 or lie in 1…95"),
+        ({"jpeg": (0.5, 95)}, "jpeg must be 0 or lie in 1…95"),
     ]
     for changes, message in wrong:
         with pytest.raises(ValueError, match=message):
             SceneSettings(**changes)
+    SceneSettings(jpeg=(1, 95))
 
 
-def test_photographs_are_checked() -> None:
-    with pytest.raises(ValueError, match="photograph in 0…1"):
-        scene(0, MODELS, VIEWS, [RAMP * np.nan], settings=CLEAN)
-    with pytest.raises(ValueError, match="expected models and photographs, got 3 and 0"):
-        scene(0, MODELS, VIEWS, [])
+def test_viewpoints_and_photographs_are_checked() -> None:
+    wrong: list[tuple[np.ndarray, list[np.ndarray], str]] = [
+        (VIEWS, [], "expected models and photographs, got 3 and 0"),
+        (VIEWS[0], [RAMP], r"expected viewpoints of shape \(N, 3\), .* got \(3,\)"),
+        (VIEWS[:, :2], [RAMP], r"expected viewpoints of shape \(N, 3\), .* got \(3, 2\)"),
+        (VIEWS[:0], [RAMP], r"expected viewpoints of shape \(N, 3\), .* got \(0, 3\)"),
+        (VIEWS, [NOISE[None]], r"expected a photograph of shape .* got \(1, 3, 150, 100\)"),
+        (VIEWS, [RAMP[0]], r"expected a photograph of shape .* got \(120,\)"),
+        (VIEWS, [NOISE[:2]], r"expected a photograph of shape .* got \(2, 150, 100\)"),
+        (VIEWS, [NOISE[:, :0]], r"expected a photograph of shape .* got \(3, 0, 100\)"),
+        (VIEWS, [RAMP * np.nan], "photograph in 0…1"),
+    ]
+    for viewpoints, photographs, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            scene(0, MODELS, viewpoints, photographs, settings=CLEAN)

@@ -83,8 +83,13 @@ def store_descriptor(data: bytes, name: str, query: Mapping[str, str], store: St
     parts = []
     for source, reading in zip(sources, readings, strict=True):
         rows, cols, _ = source.descriptor.shape
-        if source.descriptor.numel() > MOST_NUMBERS or rows * cols > MOST_CELLS:
+        if rows * cols > MOST_CELLS:
             raise RequestError(413, f"{name}: expected at most {MOST_CELLS:,} cells, got {rows}x{cols}")
+        numbers = source.descriptor.numel()
+        if numbers > MOST_NUMBERS:
+            raise RequestError(
+                413, f"{name}: expected a descriptor of at most {MOST_NUMBERS:,} numbers, got {numbers:,}"
+            )
         content = source.name, source.spec.to_json(), str((source.image_size, template))
         key = store.add(DescriptorEntry(source, template, reading), data, *map(str.encode, content))
         parts.append({"id": key, "name": source.part or source.name})

@@ -115,7 +115,7 @@ def _connected(cluster: str) -> Iterator[Client]:
             with _client(cluster) as client:
                 try:
                     client.wait_for_workers(1, timeout=PATIENCE)
-                except TimeoutError:
+                except asyncio.TimeoutError:  # Dask's own is one, which before Python 3.11 is no TimeoutError
                     raise ChildProcessError(f"the cluster {cluster} has no workers") from None
                 yield client
             return

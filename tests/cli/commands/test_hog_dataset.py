@@ -7,6 +7,7 @@ import zipfile
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import fsspec
 import numpy as np
@@ -177,6 +178,34 @@ def test_an_interrupted_command_says_that_it_continues(
     monkeypatch.setattr(describing.ShardJob, "run", interrupt)
     assert main(["hog", str(photos), "-o", str(tmp_path / "o.parquet")]) == 130
     assert "continues" in capsys.readouterr().err
+
+
+def test_shards_that_cannot_be_written_are_written_by_the_same_command(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["hog", str(photos), "-o", str(tmp_path / "o.parquet")]
+    with monkeypatch.context() as patch:
+        patch.setattr(describing.ShardJob, "run", Mock(side_effect=ValueError("the disk is full")))
+        assert main(command) == 1
+    assert "3 shards could not be written; the first: the disk is full" in capsys.readouterr().err
+    assert main(command) == 3
+    assert len(DescriptorDataset(str(tmp_path / "o.parquet"))) == 8
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "list.txt: expected a list of images, one per line: no such file"),
+        (b"a\x80.png", "list.txt: expected a list of images, one per line: "),
+        (b"# none\n", "there are no images among the inputs"),
+    ],
+)
+def test_lists_without_images(
+    tmp_path: Path, refused: Callable[..., None], content: bytes | None, message: str
+) -> None:
+    if content is not None:
+        (tmp_path / "list.txt").write_bytes(content)
+    refused("hog", f"@{tmp_path / 'list.txt'}", "-o", str(tmp_path / "o.parquet"), message=message)
 
 
 def test_archives_and_brackets(photos: Path, tmp_path: Path, refused: Callable[..., None]) -> None:

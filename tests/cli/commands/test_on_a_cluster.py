@@ -14,6 +14,7 @@ import pytest
 import torch
 from PIL import Image
 
+from nablahog import save_descriptor
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
@@ -89,6 +90,23 @@ def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], option
     assert names(tmp_path / "one") == [name for name in names(tmp_path / "other") if name != "work"]
     a, b = (read_image(tmp_path / folder / "cat_preimage.png") for folder in ("one", "other"))
     torch.testing.assert_close(a, b, rtol=0, atol=2 / 255)
+
+
+@pytest.mark.parametrize("options", [["--template"], ["--device", "cuda"]])
+def test_what_excludes_a_cluster(
+    tmp_path: Path, photo: str, refused: Callable[..., None], monkeypatch: pytest.MonkeyPatch, options: list[str]
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    message = f"--cluster and {options[0]} exclude each other"
+    refused("invert", photo, "-o", str(tmp_path / "out"), *options, *OTHER, message=message, status=2)
+
+
+@pytest.mark.usefixtures("sent")
+def test_a_descriptor_that_a_cluster_cannot_invert(tmp_path: Path, refused: Callable[..., None]) -> None:
+    save_descriptor(tmp_path / "d.npz", torch.full((4, 4, 31), 1e7), "uoctti", (32, 32))
+    command = ["invert", str(tmp_path / "d.npz"), "--prior", "none", "-o", str(tmp_path / "out")]
+    refused(*command, *OTHER, message="d.npz: the descriptor's entries must be at most")
 
 
 @pytest.fixture(scope="module")
