@@ -84,6 +84,13 @@ def test_the_environment_sets_the_limit(tmp_path: Path, monkeypatch: pytest.Monk
         read_arrays(tmp_path / "a.npz", "file", ["x"])
     monkeypatch.setenv(LIMIT_VARIABLE, "40000")
     read_arrays(tmp_path / "a.npz", "file", ["x"])
+    np.save(tmp_path / "a.npy", np.zeros(1000))
+    size = (tmp_path / "a.npy").stat().st_size
+    monkeypatch.setenv(LIMIT_VARIABLE, str(size))
+    assert arrays.read_array(tmp_path / "a.npy", None).shape == (1000,)
+    monkeypatch.setenv(LIMIT_VARIABLE, str(size - 1))
+    with pytest.raises(ValueError, match=f"unpacks to {size:,} bytes"):
+        arrays.read_array(tmp_path / "a.npy", None)
     monkeypatch.setenv(LIMIT_VARIABLE, "4 GB")
     with pytest.raises(ValueError, match=r"^NABLAHOG_MAX_BYTES must be a number of bytes, got '4 GB'$"):
         read_arrays(tmp_path / "a.npz", "file", ["x"])

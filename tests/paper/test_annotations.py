@@ -63,7 +63,7 @@ def test_annotations_that_are_refused(photographs: Path) -> None:
         ({"image": "damaged.png"}, "column image: .*damaged.png: expected an image"),
         ({"image": ""}, "column image: expected the name of a file, got ''"),
         ({"theta": ""}, "column theta: expected numbers in the columns azimuth, elevation, theta, got none"),
-        ({"azimuth": "", "elevation": ""}, "column theta: expected numbers in the columns"),
+        ({"azimuth": "", "elevation": ""}, "column azimuth: expected numbers in the columns"),
         (dict.fromkeys(("x0", "y0", "x1", "y1"), ""), "column x0: expected a box, got none"),
         ({"y1": "nan"}, "column y1 must be a finite number, got nan"),
         ({"x1": 15}, "column x1: expected a box of at least 8x8 pixels"),

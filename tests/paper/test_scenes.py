@@ -151,8 +151,9 @@ def test_settings_are_checked() -> None:
         ({"distance": (0.9, 2)}, "distance must be above 1"),
         ({"size": 100}, "height between 1 and size - 12"),
         ({"gamma": (0, 1)}, "gamma must be above 0"),
-        ({"jpeg": (0, 95.5)}, "jpeg must be 0 or lie in 1…95"),
-        ({"jpeg": (0.5, 95)}, "jpeg must be 0 or lie in 1…95"),
+        ({"jpeg": (1, 95.5)}, "jpeg must be .* or lie in 1…95"),
+        ({"jpeg": (0, 50)}, "jpeg must be .* or lie in 1…95"),
+        ({"jpeg": (0.5, 95)}, "jpeg must be .* or lie in 1…95"),
     ]
     for changes, message in wrong:
         with pytest.raises(ValueError, match=message):

@@ -107,7 +107,8 @@ def _image(row: ListEntry, folder: Path) -> Tensor:
 
 def _example(row: ListEntry, annotated: AnnotatedObject, image: Tensor) -> Example:
     if annotated.view is None or annotated.theta is None:
-        raise row.error("theta", f"expected numbers in the columns {', '.join(ANGLES)}, got none")
+        missing = "azimuth" if annotated.view is None else "theta"
+        raise row.error(missing, f"expected numbers in the columns {', '.join(ANGLES)}, got none")
     box, (azimuth, elevation) = _box(row, annotated.box, *image.shape[1:]), annotated.view
     small, scale = _shrunk(image, MAX_SIDE / max(box.width, box.height))
     inside = Box(*(side * scale[k % 2] for k, side in enumerate(box)))

@@ -90,8 +90,8 @@ class SceneSettings:
                 raise ValueError(f"{field.name} must be finite, at least 0 and a range from low to high, got {value}")
         if max(self.occlusion, self.tint, self.shadow, self.gloss, self.ambient[1], self.occluded[1]) > 1:
             raise ValueError("occlusion, tint, shadow, gloss, ambient and occluded must lie in 0…1")
-        if self.jpeg[1] > 95 or 0 < self.jpeg[0] < 1:
-            raise ValueError(f"jpeg must be 0 or lie in 1…95, got {self.jpeg}")
+        if any(self.jpeg) and not 1 <= self.jpeg[0] <= self.jpeg[1] <= 95:
+            raise ValueError(f"jpeg must be (0, 0) or lie in 1…95, got {self.jpeg}")
         if self.distance[0] <= 1 or not 1 <= self.height[0] <= self.height[1] <= self.size - 2 * _BORDER:
             raise ValueError(
                 f"distance must be above 1 and height between 1 and size - {2 * _BORDER}, "
