@@ -72,6 +72,16 @@ def test_texts_are_limited() -> None:
         read_text({"a": np.array("[]," * (MAX_CHARACTERS // 3 + 1))}, "a")
 
 
+@pytest.mark.parametrize("order", "<>")
+def test_characters_that_unicode_lacks(tmp_path: Path, order: str) -> None:
+    last, none = (np.array([number], f"{order}u4").view(f"{order}U1") for number in (0x10FFFF, 0x110000))
+    write_arrays(tmp_path / "a", 1, {"x": last})
+    assert read_arrays(tmp_path / "a", "test", ["x"])["x"].tolist() == ["\U0010ffff"]
+    write_arrays(tmp_path / "a", 1, {"x": none})
+    with pytest.raises(ValueError, match="damaged: x holds characters that Unicode lacks"):
+        read_arrays(tmp_path / "a", "test", ["x"])
+
+
 def test_naming() -> None:
     with pytest.raises(ValueError, match=r"^folder/file: oh$"), naming(Path("folder/file")):
         raise OverflowError("oh")

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from nablahog.io import camera_file
 from nablahog.io.camera_file import read_camera_file
 from nablahog.io.camera_mapping import read_camera_mapping
 from nablahog.io.input_file import InputFile
@@ -222,3 +223,10 @@ def test_what_is_no_camera_is_refused(name: str, content: str, message: str) -> 
     with pytest.raises(ValueError, match=message) as caught:
         read(content, name)
     assert str(caught.value).startswith(f"{name}: ")
+
+
+def test_the_largest_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_file, "MOST_BYTES", 15)
+    assert read("900,880,325,245", "camera.txt").intrinsics == (900, 880, 325, 245)
+    with pytest.raises(ValueError, match=r"camera\.txt: expected .*, got a file of 16 bytes"):
+        read("900,880,325,245\n", "camera.txt")

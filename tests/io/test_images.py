@@ -21,6 +21,7 @@ from PIL import ExifTags, Image, ImageFile
 from PIL.TiffImagePlugin import IFDRational
 
 from nablahog.inputs.arrays import as_images
+from nablahog.io import pixels
 from nablahog.io.images import draw_polygons, image_endings, limit_size, read_exif_focal, read_image, write_image
 from nablahog.io.pixels import prepare_pillow
 
@@ -110,6 +111,10 @@ def write_bomb(path: Path) -> None:
         (write_bomb, "an image of more than 178,956,970 pixels is refused"),
         (tiff(np.full((16, 16), 3_000_000_000, np.uint32)), "0…65535, got 3000000000 "),
         (pillow(RAMP, "EPS"), "PostScript"),
+        *(
+            (lambda path, size=size: path.write_bytes(b"P5\n%d %d\n255\n" % size), "is none")
+            for size in ((0, 4), (4, 0))
+        ),
         (lambda path: path.write_text("hello"), "expected an image, got a file that is none"),
         (lambda path: path.write_bytes(b""), "expected an image, got an empty file"),
         (lambda path: path.write_text("1,-2e-3\n" * 20_000), r"numpy.loadtxt\('a', delimiter=','\)\)"),
@@ -120,6 +125,16 @@ def test_what_is_refused(tmp_path: Path, write: Callable[[Path], None], message:
     write(tmp_path / "a")
     with pytest.raises(ValueError, match=f"a: .*{message}"):
         read_image(tmp_path / "a")
+
+
+def test_the_largest_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pillow(RAMP)(tmp_path / "ramp.png")
+    size = os.path.getsize(tmp_path / "ramp.png")
+    monkeypatch.setattr(pixels, "MAX_IMAGE_BYTES", size)
+    assert read_image(tmp_path / "ramp.png").shape == (1, 16, 16)
+    monkeypatch.setattr(pixels, "MAX_IMAGE_BYTES", size - 1)
+    with pytest.raises(ValueError, match=f"it has more than {size - 1} bytes"):
+        read_image(tmp_path / "ramp.png")
 
 
 def test_a_lack_of_memory_is_not_the_files_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,7 +184,9 @@ def test_images_that_people_have_opened_are_those_of_the_file(
     torch.testing.assert_close(opened[0], read_image(tmp_path / "a.tif"), rtol=0, atol=0)
 
 
-@pytest.mark.parametrize(("shape", "size", "expected"), [((100, 50), 20, (20, 10)), ((1000, 1), 10, (10, 1))])
+@pytest.mark.parametrize(
+    ("shape", "size", "expected"), [((100, 50), 20, (20, 10)), ((1000, 1), 10, (10, 1)), ((9, 9), 1, (1, 1))]
+)
 def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]) -> None:
     image = torch.rand(3, *shape)
     small = limit_size(image, size)
@@ -177,6 +194,8 @@ def test_limit_size(shape: tuple[int, int], size: int, expected: tuple[int, int]
     assert small.min() >= 0
     assert small.max() <= 1
     assert torch.equal(limit_size(image, 2000), image)
+    with pytest.raises(ValueError, match="size must be at least 1 pixel, got 0"):
+        limit_size(image, 0)
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "F"])
@@ -197,6 +216,21 @@ def test_writing_and_reading_again(tmp_path: Path) -> None:
     write_image(path, np.array([[-1.0, 0.5, 2.0]]))
     assert np.asarray(Image.open(path)).tolist() == [[0, 128, 255]]
     assert os.listdir(tmp_path) == ["w.png"]
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.zeros(5), r"of shape \(H, W\), \(1, H, W\) or \(3, H, W\), got \(5,\)"),
+        (torch.zeros(2, 4, 5), r"got \(2, 4, 5\)"),
+        (np.zeros((4, 5, 3)), r"got \(4, 5, 3\)"),
+        (np.array([[0.5, np.nan]]), "a picture in 0…1, got NaN"),
+    ],
+)
+def test_what_is_no_picture_is_not_written(tmp_path: Path, picture: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / "w.png", picture)
+    assert not os.listdir(tmp_path)
 
 
 @pytest.mark.skipif(find_spec("pillow_heif") is None, reason="needs pillow-heif")

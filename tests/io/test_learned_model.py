@@ -15,7 +15,7 @@ import torch
 
 from nablahog.io.learned_model import account, check_tensor
 
-from .archives import arrays_of
+from .archives import arrays_of, check_refused
 from .tiny_models import models
 
 KINDS = list(models())
@@ -46,6 +46,23 @@ def _check_same(values: dict[str, Any], expected: dict[str, Any]) -> None:
             assert all(torch.equal(a, b) for a, b in zip(value, expected[name], strict=True))
         else:
             assert value == expected[name]
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed", "message"),
+    [
+        ("bovw", {"image_size": np.array([16])}, r"image_size must hold 2 integers, got int64 of shape \(1,\)"),
+        ("bovw", {"image_size": np.array([16.0, 20.0])}, "image_size must hold 2 integers, got float64"),
+        ("prior", {"widths": np.array(8)}, r"widths must be a list of integers, got int64 of shape \(\)"),
+        ("bovw", {"cell": np.array([4])}, r"cell must be one integer, got int64 of shape \(1,\)"),
+        ("bovw", {"cell": np.array(4.0)}, "cell must be one integer, got float64"),
+        ("hoggles", {"sparsity": np.array(1)}, "sparsity must be one float64, got int64"),
+        ("hoggles", {"spec": np.array(1)}, "spec must be one string, got int64"),
+        ("hoggles", {"spec": np.array(["{}"])}, r"spec must be one string, got <U2 of shape \(1,\)"),
+    ],
+)
+def test_arrays_of_other_kinds(tmp_path: Path, kind: str, changed: dict[str, Any], message: str) -> None:
+    check_refused(models()[kind], tmp_path / "x", changed, message)
 
 
 def test_bounds_of_tensors() -> None:

@@ -18,7 +18,7 @@ from scipy.ndimage import zoom
 from nablahog.io import dpm_file, matfile
 from nablahog.io.dpm_file import is_dpm_file, load_dpm
 from nablahog.io.matfile import read_mat, read_mat_arrays
-from tests.io.dpm_models import PART, ROOT, structs, weights, written
+from tests.io.dpm_models import PART, ROOT, cells, structs, weights, written
 
 NESTED = {
     "record": {
@@ -144,6 +144,7 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matfile, "MAX_MAT_BYTES", 2**16)
     path = tmp_path / "a.mat"
     assert "its header" in _refusal(path, b"hello")
+    assert "its header" in _refusal(path, bytes(2**16))
     assert "more than 65,536 bytes" in _refusal(path, bytes(2**16 + 1))
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
     bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
@@ -156,6 +157,20 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "structures in each other" in _refusal(path, HEADER + _variable(1, (1, 1), inner))
     of_five_bytes = struct.pack("<HHI", 2, 5, 0) + bytes(8)  # where there is room for four
     assert "it ends too early" in _refusal(path, HEADER + _variable(6, (1, 5), of_five_bytes))
+
+
+def test_what_is_no_array(tmp_path: Path) -> None:
+    path, sides = tmp_path / "a.mat", struct.pack("<IIii", 5, 8, 1, 1)
+    whole = HEADER + _variable(6, (1, 1), struct.pack("<IId", 9, 8, 0.5))
+    for other, reason in (
+        (struct.pack("<IIii", 5, 4, 1, 0), "an array has no shape"),  # one side
+        (struct.pack("<IIii", 5, 8, 1, -1), "an array has no shape"),
+        (struct.pack("<IId", 9, 8, np.nan), "expected integers"),
+    ):
+        assert reason in _refusal(path, whole.replace(sides, other))
+    path.write_bytes(whole + struct.pack("<II", 14, 0))  # an array of no bytes and no name
+    assert read_mat(path)[""].shape == (0, 0)
+    assert "it ends too early" in _refusal(path, path.read_bytes()[:-1])
 
 
 def test_root_and_parts(tmp_path: Path) -> None:
@@ -188,6 +203,12 @@ def test_what_is_no_model(tmp_path: Path) -> None:
     assert not is_dpm_file(tmp_path / "none.mat")
 
 
+def _of(symbols: list[int], *places: tuple[int, ...]) -> dict[str, Any]:
+    """The rules of a model of one component, of symbols at places."""
+    anchors = cells([np.array(place, float) for place in places])
+    return {"rules": cells([structs([{"type": "S", "rhs": np.array(symbols), "anchor": anchors}])])}
+
+
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no filters": ({"filters": None}, "expected a model of voc-release5, but it has no 'filters'"),
     "31 channels": (
@@ -203,6 +224,13 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "a part of 1x1 cells at 2, 1 is outside its root",
     ),
     "a start that is not there": ({"start": 99}, "expected a model of voc-release5"),
+    "fewer places than filters": (_of([3, 5], (0, 0, 0)), "not one place for each of its filters"),
+    "a place of two numbers": (_of([3], (0, 0)), "not one place for each of its filters"),
+    "no root": (_of([3], (0, 0, 1)), "a component has 0 roots"),
+    "two roots": (_of([3, 5], (0, 0, 0), (0, 0, 0)), "a component has 2 roots"),
+    "mirror images alone": (_of([9], (0, 0, 0)), "it has no component"),
+    "a start that is its own filter": (_of([1], (0, 0, 0)), "its grammar does not end"),
+    "a class of numbers": ({"class": 3}, "its class is not text"),
     "a cell of infinite size": ({"sbin": np.inf}, "numbers that are not integers within ±1,000,000"),
 }
 

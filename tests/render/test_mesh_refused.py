@@ -50,13 +50,23 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.off", CUBE_OFF.replace("4 3 0 4 7", "4 3 0 4 -1"), "(outside the range|the file does not hold)"),
         ("a.off", CUBE_OFF.replace("1 1 1", "1 nan 1"), "not finite"),
         ("a.off", "OFF 3 1 0\n0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n", "area above 0"),
+        ("a.off", "OFF 3 1 0\n0 0\n1 0\n1 1\n3 0 1 0\n", "three coordinates each"),
+        ("a.off", CUBE_OFF.replace("4 3 0 4 7", "4 3 0 4"), "a face of 4 vertex indices, got 3"),
+        ("a.off", CUBE_OFF.replace("4 3 0 4 7", "-1 3 0 4 7"), "a face of -1 vertex indices"),
+        ("a.off", "COFF 3 1 0\n0 0 0 1 0 0\n1 0 0 1 0 0\n1 1 0 1 0\n3 0 1 2\n", "a colour of three numbers each"),
         ("a.obj", VERTICES_OBJ + "l 1 2 3\n", "no faces"),
         ("a.obj", VERTICES_OBJ + "f 1 2 -9\n", "refers to -9"),
         ("a.obj", TRIANGLE + "".join(f"usemtl {k}\nf 1 2 3\n" for k in range(10_000)), "at most 10,000 materials"),
         ("a.ply", PLY_HEAD + "3 0 1 2\n", "element face than it promises: 2"),
         ("a.ply", PLY_HEAD.replace("face 2", f"face {10**9}"), "at most 20,000,000 rows"),
         ("a.ply", PLY_HEAD.replace("list uchar int", "int") + "0\n1\n", "a list vertex_indices in the element face"),
+        ("a.ply", PLY_HEAD.replace("vertex 3", "vertex -3"), "promises -3 rows of the element vertex"),
+        ("a.ply", PLY_HEAD.replace("face 2", "vertex 2") + "3 0 1 2\n" * 2, "the element vertex twice"),
+        ("a.ply", PLY_HEAD.replace("property float z\n", "") + "3 0 1 2\n" * 2, "three coordinates each"),
+        *(("a.ply", PLY_HEAD + f"3 0 1 2\n{row}\n", "face has too few numbers") for row in ("3 0 1", "-1 0 1")),
+        ("a.ply", PLY_HEAD.replace("property list", "property int a\nproperty list") + "3\n" * 2, "too few numbers"),
         ("a.ply", BINARY_PLY[:-5], "cannot be read"),
+        ("a.ply", BINARY_PLY.replace(b"list uchar", b"list char ")[:-13] + b"\xff" * 13, "a list of -1 numbers"),
         ("a.stl", BINARY_STL[:-5], "length that it promises"),
         ("a.stl", export_stl_ascii(trimesh.creation.box())[:700], "from solid to endsolid"),
         ("a.off", "OFF\n", "the numbers of vertices and faces are missing"),
@@ -68,7 +78,9 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.obj", TRIANGLE + "f 0 1 2\n", "the file does not hold"),
         ("a.obj", TRIANGLE + "f 1 2 3.0\n", "expected faces such as"),
         ("a.obj", TRIANGLE + "v 1 2\n", "at least 3 numbers"),
+        ("a.obj", TRIANGLE + "f 1 2 /3\n", "expected faces such as"),
         ("a.gltf", TRIANGLE, "as JSON does"),
+        ("a.gltf", '{"nodes": [}', "its JSON is damaged: Expecting value"),
         ("a.ply", PLY_HEAD.replace("face 2", "tristrips 1") + "3 0 1 2\n", "got the elements vertex, tristrips"),
         ("a.ply", PLY_HEAD.replace("float x", "half x"), "type half"),
         ("a.stl", export_stl_ascii(trimesh.creation.box()).replace("0.5", "0,5"), "decimal points"),
@@ -80,6 +92,9 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.glb", triangle_glb(extensionsRequired=["KHR_draco_mesh_compression"]), "not supported"),
         ("a.glb", triangle_glb(nodes=[{"mesh": 0}] * 10_001), "at most 10,000 nodes"),
         ("a.glb", triangle_glb(nodes=[{"children": [1]}, {"mesh": 0, "children": [0]}]), "in a circle"),
+        ("a.glb", triangle_glb(nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}]), "one has two parents"),
+        ("a.glb", triangle_glb(buffers=[{"byteLength": 36}] * 2), "more than one buffer"),
+        *(("a.glb", triangle_glb(accessors=[MANY | {"type": kind}]), "three coordinates") for kind in ("VEC2", "VEC4")),
         ("a.glb", triangle_glb(meshes=FEW_FACES * 5_000, accessors=[MANY]), "5,000,000 vertices are allowed"),
         ("a.glb", triangle_glb(accessors=[MANY | {"type": "MAT4", "count": 10**7}]), "bytes in accessors are allowed"),
         ("a.glb", triangle_glb(accessors=[MANY | {"count": 1e9}]), "count must be an integer of at least 0"),
@@ -117,6 +132,17 @@ def test_time_and_memory_grow_with_the_size(tmp_path: Path, name: str, content: 
     assert most < 100e6
 
 
+def test_rows_that_are_missing_are_noticed_at_once(tmp_path: Path) -> None:
+    head = BINARY_PLY[: BINARY_PLY.index(b"end_header\n") + 11].replace(b"vertex 8", b"vertex 10000")
+    path = write(tmp_path, "a.ply", head + bytes(12 * 10_000 - 1))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="fewer rows of the element vertex than it promises: 10,000"):
+        load_mesh(path)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1e6  # row by row, it would be several
+
+
 def test_textures_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     box = trimesh.creation.box()
     material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.new("RGB", (4, 5)))
@@ -134,6 +160,10 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "MAX_FACES", 11)
     with pytest.raises(ValueError, match="at most 11 faces are allowed, got 12"):
         load_mesh(path)
+    with pytest.raises(ValueError, match="at most 11 faces are allowed, got 12"):  # before its numbers are read
+        load_mesh(write(tmp_path, "a.stl", "solid" + " vertex" * 36))
+    monkeypatch.setattr(mesh_file, "MAX_FACES", 12)
+    assert len(load_mesh(write(tmp_path, "b.stl", BINARY_STL)).faces) == 12
     monkeypatch.setattr(obj_file, "MAX_FACES", 1)
     with pytest.raises(ValueError, match="at most 1 faces are allowed, got 2"):
         load_mesh(write(tmp_path, "a.obj", TRIANGLE + "f 1 2 3\n"))
@@ -148,6 +178,22 @@ def test_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="more than 100 bytes is refused"):
         load_mesh(path)
     assert soup.MAX_FACES >= 1_000_000
+
+
+def test_a_file_beside_it_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    path = write(tmp_path, "a.glb", triangle_glb(buffers=[{"byteLength": 36, "uri": "./a.bin"}]))
+    write(tmp_path, "a.bin", corners)
+    for limit, most, reason in (
+        ("LONGEST_NAME", 7, "the name of a file has more than 6 characters"),
+        ("MAX_BYTES_BESIDE", 36, "the files that it needs have more than 35 bytes"),
+    ):
+        with monkeypatch.context() as lowered:
+            lowered.setattr(companion_files, limit, most)
+            assert len(load_mesh(path).faces) == 1
+            lowered.setattr(companion_files, limit, most - 1)
+            with pytest.raises(ValueError, match=f"it needs the file './a.bin', but {reason}; save the model as GLB"):
+                load_mesh(path)
 
 
 # --- what glTF does not allow in its JSON, and buffers that are not there, by name and place --------------------------

@@ -82,6 +82,7 @@ def _binary_ply(order: str) -> bytes:
         ("fractions.off", "OFF\r\n8 6 0\r\n" + _rows(CORNERS, of_faces=" 1.0 0.0 0.0 0.5"), RED),
         ("a_table.off", "OFF\n8 6 0\n" + _rows(CORNERS, of_faces=" 3"), 0.8),
         ("dark.off", "COFF\n8 6 0\n" + _rows(CORNERS, of_vertices=" 1 1 1 255"), 1 / 255),  # the alpha tells 255 from 1
+        ("without_corners.off", CUBE_OFF.replace("8 6 0", "8 7 0") + "0\n", 0.8),
         ("tabs.obj", OBJ.replace(" ", "\t"), 0.8),
         ("indented.obj", "\r\n".join(f"  {line}\t# remark" for line in OBJ.splitlines()), 0.8),
         ("marked.obj", "\ufeff" + OBJ, 0.8),
@@ -99,6 +100,9 @@ def _binary_ply(order: str) -> bytes:
         ("lost.obj", "mtllib none.mtl\n" + VERTICES_OBJ + TEXTURED, 0.8),
         ("depth.ply", _ply(vertices=9) + _rows([*CORNERS, "nan nan nan"]), 0.8),
         ("quads.ply", _ply(of_faces=RGB) + _rows(CORNERS, of_faces=" 255 0 0"), RED),
+        ("without_corners.ply", _ply().replace("face 6", "face 7") + _rows(CORNERS) + "0\n", 0.8),
+        ("without_corners.ply", _binary_ply("<").replace(b"face 6", b"face 7")[:-1] + b"\0\xff\0\0", RED),
+        ("without_rows.ply", _ply().replace("end_", f"element edge 0\n{XYZ}end_") + _rows(CORNERS), 0.8),
         ("little.ply", _binary_ply("<"), RED),
         ("big.ply", _binary_ply(">"), RED),
         ("vertices.ply", _ply(of_vertices=RGB) + _rows(CORNERS, of_vertices=" 255 0 0"), RED),

@@ -130,7 +130,9 @@ def test_archives_of_meshes(tmp_path: Path) -> None:
     save_meshes(tmp_path / "m.npz", meshes)
     for name, mesh in load_meshes(tmp_path / "m.npz").items():
         assert all(torch.equal(getattr(mesh, of), getattr(meshes[name], of)) for of in ("vertices", "faces"))
-    many = Mesh(np.tile(corners, (2**14 + 1, 1)), [[0, 1, 2]], np.zeros(2**16 + 4))
+    most, many = (Mesh(np.resize(corners, (n, 3)), [[0, 1, n - 1]], np.zeros(n)) for n in (2**16, 2**16 + 1))
+    save_meshes(tmp_path / "most.npz", {"a": most})
+    assert torch.equal(load_meshes(tmp_path / "most.npz")["a"].faces, most.faces)
     with pytest.raises(OverflowError, match="at most 65,536 vertices"):
         save_meshes(tmp_path / "many.npz", {"a": many})
     (tmp_path / "bad.npz").write_bytes((tmp_path / "m.npz").read_bytes()[:200])

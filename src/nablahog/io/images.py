@@ -73,7 +73,7 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is not a regular file or picture, is damaged, has no pixels or more than twice
+        ValueError: it is not a regular file or picture, is damaged, has more pixels than twice
             ``PIL.Image.MAX_IMAGE_PIXELS``, or than the environment variable ``NABLAHOG_MAX_PIXELS`` says, or its levels
             are none of the above.
     """
@@ -82,10 +82,7 @@ def read_image(path: Readable, size: int = 0, *, as_bytes: bool = False) -> Tens
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about odd metadata, and about many pixels
         try:
-            image = decode_image(file)
-            if not image.width * image.height:
-                raise ValueError(f"it has no pixels ({image.height}x{image.width})")
-            return _assemble(image, size, as_bytes)
+            return _assemble(decode_image(file), size, as_bytes)
         except Image.DecompressionBombError:
             limit = 2 * (Image.MAX_IMAGE_PIXELS or 0)
             raise ValueError(

@@ -67,8 +67,9 @@ def _read_buffer(number: int, buffer: Json, binary: bytes, companions: Companion
         return _decode(uri)
     try:
         return companions.read(unquote(uri))
-    except (OSError, ValueError):
-        reason = f"it needs the file {uri[:200]!r}, which is not beside it; save the model as GLB, which needs no other"
+    except (OSError, ValueError) as error:
+        trouble = "which is not beside it" if isinstance(error, OSError) else f"but {error}"
+        reason = f"it needs the file {uri[:200]!r}, {trouble}; save the model as GLB, which needs no other"
         raise ValueError(reason) from None
 
 

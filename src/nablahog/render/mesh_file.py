@@ -29,7 +29,6 @@ _NO_NUMBER = re.compile(
     r"(?:could not convert string to float|invalid literal for int\(\).*?): (?:np\.\w+\()?b?'([^']*)'"
 )
 _REASONS = {
-    "inhomogeneous shape": "its vertices do not have three coordinates each",
     "is out of bounds for axis": "a face refers to a vertex that the file does not hold",
 }
 

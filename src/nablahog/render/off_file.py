@@ -45,11 +45,13 @@ def read_off(text: str) -> Soup:
     last = first + (3 if "S" in letters else 4)
     colours_of_vertices = [row[first:last] for row in rows]
     has_colours = "C" in letters or (not letters and _are_colours(colours_of_vertices))
+    if has_colours and any(len(colour) < 3 for colour in colours_of_vertices):
+        raise ValueError("its vertices do not have a colour of three numbers each")
     vertex_brightness = _read_brightness(colours_of_vertices) if has_colours else None
     corners, colours = [], []
     for line in lines[vertex_count : vertex_count + face_count]:
         count, *numbers = line.split()
-        if len(numbers) < int(count):
+        if not 0 <= int(count) <= len(numbers):
             raise ValueError(f"expected a face of {count} vertex indices, got {len(numbers)}")
         corners.append(list(map(int, numbers[: int(count)])))
         colours.append(numbers[int(count) : int(count) + 4])

@@ -76,7 +76,7 @@ def read_header(data: bytes) -> Header:
             name, count = words
             elements.append(Element(name, int(count), []))
             if int(count) < 0:
-                raise _missing_rows_error(elements[-1])
+                raise ValueError(f"it promises {count} rows of the element {name}")
         elif key == "property":
             kinds = words[1:-1] if words[0] == "list" else words[:1]
             if any(kind not in _TYPES for kind in kinds):
@@ -173,7 +173,7 @@ def _read_text(element: Element, rows: list[list[bytes]]) -> Columns:
         at = 0
         for name, _, length in element.properties:
             count = 1
-            if length is not None:
+            if length is not None and at < len(row):
                 columns.setdefault(_length_column(name), []).append(row[at])
                 count, at = int(row[at]), at + 1
             if not 0 <= count <= len(row) - at:
@@ -216,6 +216,8 @@ def _read_lengths(element: Element, data: bytes, at: int, order: str) -> list[in
             first = np.dtype(order + length)
             count = int(_read_numbers(element, data, first, 1, at)[0])
             at += first.itemsize
+        if count < 0:
+            raise ValueError(f"a row of the element {element.name} has a list of {count} numbers")
         lengths.append(count)
         at += count * np.dtype(kind).itemsize
     return lengths
@@ -238,7 +240,7 @@ def _read_row_by_row(element: Element, data: bytes, at: int, order: str) -> tupl
 
 
 def _read_numbers(element: Element, data: bytes, kind: np.dtype[Any], count: int, at: int) -> NDArray[Any]:
-    if count < 0 or at + count * kind.itemsize > len(data):
+    if at + count * kind.itemsize > len(data):
         raise _missing_rows_error(element)
     return np.frombuffer(data, kind, count, at)
 
