@@ -223,6 +223,9 @@ def test_wrong_angles() -> None:
             compare(result, true)
     with pytest.raises(TypeError, match="real numbers"):
         azimuth_error([[1, 2], [3]], 10)  # type: ignore[list-item]
+    for truth in (True, [[False], [True]]):
+        with pytest.raises(TypeError, match="got truth values"):
+            azimuth_error(truth, 10)
 
 
 @pytest.mark.parametrize("measure", [view, partial(same_view, 0), partial(near_view, 0)])

@@ -90,12 +90,20 @@ def test_sizes_suit_each_other(arguments: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{"_nbins": 2}, {"_nbins": 129}, {"_L2HysThreshold": 0.0}, {"_nlevels": 0}], ids=str
+    ("name", "taken", "refused"),
+    [
+        ("nbins", 3, 2),
+        ("nbins", 128, 129),
+        ("L2HysThreshold", 5e-324, 0.0),
+        ("L2HysThreshold", np.inf, np.nan),
+        ("nlevels", 1, 0),
+    ],
 )
-def test_parameters_without_a_descriptor(changes: dict[str, Any]) -> None:
-    (name,) = changes
-    with pytest.raises(ValueError, match=f"^{name[1:]} must be "):
-        HOGDescriptor(*FIVE[: 4 if name == "_nbins" else 5], **changes)
+def test_parameters_without_a_descriptor(name: str, taken: float, refused: float) -> None:
+    arguments: Any = FIVE[: 4 if name == "nbins" else 5]
+    assert getattr(HOGDescriptor(*arguments, **{f"_{name}": taken}), name) == taken
+    with pytest.raises(ValueError, match=f"^{name} must be "):
+        HOGDescriptor(*arguments, **{f"_{name}": refused})
 
 
 # --- descriptors -----------------------------------------------------------------------------------------------------
@@ -143,7 +151,11 @@ def test_locations(seed: int, **options: Any) -> None:
 def test_arrays_that_opencv_keeps_elsewhere() -> None:
     image, weights = crop(1, 128, 64, colour=True), np.linspace(-1, 1, 3781, dtype=np.float32)
     hog = HOGDescriptor()
-    np.testing.assert_array_equal(hog.compute(cv2.UMat(image)), hog.compute(image))
+    whole = cv2.UMat(image)
+    for same in (whole, cv2.UMat(whole, (0, 128), (0, 64))):
+        np.testing.assert_array_equal(hog.compute(same), hog.compute(image))
+    with pytest.raises(ValueError, match="img must be a whole UMat"):
+        hog.compute(cv2.UMat(whole, (0, 128), (0, 63)))
     hog.setSVMDetector(cv2.UMat(weights[:, None]) if hog.checkDetectorSize() else None)
     np.testing.assert_array_equal(hog.svmDetector, weights)
 
@@ -176,6 +188,53 @@ def test_gradients_of_pixels(padding: tuple[Any, ...], colour: bool) -> None:
     near = np.abs(ours - theirs).max(axis=2) <= 1e-4  # votes reach 360
     assert np.mean(near & (our_bins == their_bins).all(axis=2)) > 0.99  # right on a bin's centre the rounding decides
     assert np.abs(ours.sum(axis=2) - theirs.sum(axis=2)).max() <= 1e-4
+
+
+def test_of_an_image_a_pixel_must_be_left() -> None:
+    image = crop(6, 31, 43, colour=False)
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        assert make(*SMALL).computeGradient(image, None, None, (-20, 0), (-22, -30))[0].shape == (1, 1, 2)
+    for after in ((-23, 0), (0, -31)):
+        with pytest.raises(ValueError, match="must leave pixels of the image"):
+            HOGDescriptor(*SMALL).computeGradient(image, None, None, (-20, 0), after)
+
+
+VOTES = np.zeros((62, 86, 2), np.float32)
+
+
+@pytest.mark.parametrize(
+    "grad",
+    [VOTES[:31, :43], VOTES[::2, :43], VOTES, np.zeros((31, 43, 2)), np.array(1, np.float32), 1.5, (1,), True],
+    ids=["crop", "every other row", "larger", "float64", "no axes", "number", "tuple", "truth value"],
+)
+def test_arrays_that_votes_are_written_to(grad: Any) -> None:
+    """They are written to, or not, as by OpenCV."""
+    image, written = crop(6, 31, 43, colour=False), []
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        VOTES[:] = 0
+        votes, _ = make(*SMALL).computeGradient(image, grad, None)
+        np.testing.assert_array_equal(votes, make(*SMALL).computeGradient(image, None, None)[0])
+        written.append(votes is grad)
+    assert written[0] == written[1]
+
+
+@pytest.mark.parametrize(
+    ("grad", "words"),
+    [
+        (VOTES[:31, ::2], "row by row"),
+        (VOTES[30::-1, :43], "row by row"),
+        (np.frombuffer(bytes(8 * 31 * 43), np.float32).reshape(31, 43, 2), "row by row"),
+        (np.zeros((31, 43, 2), np.int64), "numbers that OpenCV knows, got int64"),
+        (np.zeros((31, 43, 2), bool), "numbers that OpenCV knows, got bool"),
+        ([1.0], "None or an array to write to, got list"),
+        ("1", "None or an array to write to, got str"),
+    ],
+    ids=["every other column", "upside down", "read only", "int64", "bool", "list", "text"],
+)
+def test_other_arrays_are_refused_as_by_opencv(grad: Any, words: str) -> None:
+    for make, error, match in ((HOGDescriptor, (TypeError, ValueError), words), (cv2.HOGDescriptor, cv2.error, "grad")):
+        with pytest.raises(error, match=match):
+            make(*SMALL).computeGradient(crop(6, 31, 43, colour=False), grad, None)
 
 
 def test_each_object_has_its_own_threshold() -> None:
@@ -250,8 +309,11 @@ def test_locations_in_a_umat_are_refused() -> None:
             each().compute(crop(0, 160, 96, True), locations=corners)
 
 
+LARGE = [pytest.param(2**n, id=f"2**{n}") for n in (1023, 1024)]  # the first fits into 64 bits, as a float
+
+
 @pytest.mark.parametrize("place", range(5, 12))
-@pytest.mark.parametrize("argument", [None, np.int64(1), np.float32(1), True, np.True_, 1.5, "1", np.array(1)])
+@pytest.mark.parametrize("argument", [None, np.int64(1), np.float32(1), True, np.True_, 1.5, "1", np.array(1), *LARGE])
 def test_odd_constants(place: int, argument: Any) -> None:
     """Each is taken or refused as by OpenCV."""
     arguments = [*SMALL, 1, -1.0, 0, 0.2, True, 64, False]

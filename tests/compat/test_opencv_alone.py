@@ -94,6 +94,21 @@ def test_gradients(channels: int, size: tuple[int, int], monkeypatch: pytest.Mon
 
 
 @with_loops
+@pytest.mark.parametrize(
+    ("size", "larger", "padding"), [((30, 65), (30, 66), (2**30 - 33, 0)), ((65, 30), (66, 30), (0, 2**30 - 33))]
+)
+def test_sides_that_are_padded_to_less_than_2_to_the_31(
+    size: tuple[int, int], larger: tuple[int, int], padding: tuple[int, int]
+) -> None:
+    small = HOGDescriptor(*SMALL)
+    options: dict[str, Any] = {"winStride": (1, 1), "locations": [(3, 2)]}
+    padded = small.compute(image(1, *size), padding=padding, **options)
+    assert_array_equal(padded, small.compute(image(1, *size), **options))
+    with pytest.raises(ValueError, match=r"fewer than 2\*\*31 rows and columns"):
+        small.compute(image(1, *larger), padding=padding, **options)
+
+
+@with_loops
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("size", [(71, 133), (90, 149), (1, 1), (200, 3)])
 def test_smaller_images(channels: int, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -209,6 +209,19 @@ def test_smaller_images_are_opencvs(size: tuple[int, int], to: tuple[int, int], 
     assert_array_equal(resize(image, to), expected)
 
 
+@pytest.mark.parametrize("threshold", [2**31 - 1, 1 - 2**31])
+def test_the_most_members_that_a_group_may_need(threshold: int) -> None:
+    ours, theirs = both(random_detector(6), *SMALL)
+    image = photograph("astronaut", 60, True)
+    assert_same(*(each.detectMultiScale(image, groupThreshold=threshold) for each in (ours, theirs)))
+
+
+def test_windows_without_weight_have_no_mode() -> None:
+    ours, theirs = both(np.zeros(HOGDescriptor(*SMALL).getDescriptorSize(), np.float32), *SMALL)
+    image = photograph("astronaut", 30, True)
+    assert_same(*(each.detectMultiScale(image, useMeanshiftGrouping=True) for each in (ours, theirs)))
+
+
 # --- groups ----------------------------------------------------------------------------------------------------------
 
 
@@ -235,7 +248,14 @@ def test_groups_are_opencvs(seed: int, threshold: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"hitThreshold": "0"}, {"winStride": (8, -8)}, {"scale": True}, {"useMeanshiftGrouping": 1.0}]
+    "options",
+    [
+        {"hitThreshold": "0"},
+        {"winStride": (8, -8)},
+        {"scale": True},
+        *({"groupThreshold": members} for members in (2**31, -(2**31), np.nan)),
+        {"useMeanshiftGrouping": 1.0},
+    ],
 )
 def test_options_are_refused(options: dict[str, Any]) -> None:
     """OpenCV's own errors are :class:`cv2.error`, where it does not crash."""

@@ -61,6 +61,46 @@ def test_what_is_saved_is_loaded(ending: str, tmp_path: Path) -> None:
         HOGDescriptor().load(path, "other")
 
 
+@pytest.mark.parametrize(
+    ("filename", "objname"),
+    [
+        *((name, "") for name in ("a.b.yml", "a.", "1.yml", "..yml", ".a.yml", ".a.yml.gz", "_.xml")),
+        *((".yml", "a"), ("a.yml", "a b"), ("a.yml", "_"), ("a.xml", "__"), ("a.xml", "a-1"), (b"a.xml", None)),
+    ],
+)
+def test_names_are_those_of_opencv(
+    filename: Any, objname: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cv2 = pytest.importorskip("cv2")
+    monkeypatch.chdir(tmp_path)
+    names = []
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        make(*SMALL).save(filename, objname)
+        storage = cv2.FileStorage(filename, cv2.FILE_STORAGE_READ)
+        names.append(storage.root().keys())
+    assert names[0] == names[1]
+
+
+@pytest.mark.parametrize(
+    ("filename", "objname", "words"),
+    [
+        (3, "", "filename must be a string, got 3"),
+        ("a.yml", 0, "objname must be a string, got 0"),
+        *((name, "", "more than its ending") for name in ("", ".yml", ".yml.gz", ".a.gz")),
+        *(("a.yml", name, "objname must be ASCII letters") for name in ("1a", "-a", "aé", "a.b", "a\n")),
+        *(("a.xml", name, "objname must be ASCII letters") for name in ("a b", "_")),
+    ],
+)
+def test_other_names_are_refused(
+    filename: Any, objname: Any, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenCV's own errors are :class:`cv2.error` and TypeError."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((TypeError, ValueError), match=words):
+        HOGDescriptor(*SMALL).save(filename, objname)
+    assert not any(tmp_path.iterdir())
+
+
 FILE = """%YAML:1.0
 ---
 a: !!opencv-object-detector-hog

@@ -136,9 +136,19 @@ def test_views_and_lists() -> None:
                 each(image[..., 0], pixels_per_cell=size)
 
 
-@pytest.mark.parametrize("cell", [(1, 1), (2, 1), (1, 3), (2, 2), (3, 2)])
-def test_pictures_of_the_smallest_cells(cell: tuple[int, int]) -> None:
-    assert_same(crop(5, 20, 24)[..., 0], orientations=8, pixels_per_cell=cell, cells_per_block=(1, 1))
+@pytest.mark.parametrize("cell", [(1, 1), (2, 1), (1, 2), (1, 3), (2, 2), (3, 2)])
+@pytest.mark.parametrize(("orientations", "width"), [(8, 24), (9, 24), (9, 25)])
+def test_pictures_of_the_smallest_cells(cell: tuple[int, int], orientations: int, width: int) -> None:
+    """Each is drawn or refused as by scikit-image."""
+    options: Any = {"orientations": orientations, "pixels_per_cell": cell, "cells_per_block": (1, 1)}
+    image = crop(5, 20, width)[..., 0]
+    try:
+        feature.hog(image, visualize=True, **options)
+    except IndexError:
+        with pytest.raises(ValueError, match="leave the picture in cells of one pixel"):
+            hog(image, visualize=True, **options)
+        return
+    assert_same(image, **options)
 
 
 @pytest.mark.parametrize("norm", NORMS)

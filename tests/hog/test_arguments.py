@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn.functional import pad
 
-from nablahog import HOGLoss, reconstruct
+from nablahog import HOGLoss, reconstruct, stream
 from nablahog.hog import HOG, HOGSpec, hog, presets
 
 SPEC = presets.paper()
@@ -49,6 +49,14 @@ def test_what_is_to_be_written_is_right(case: str) -> None:
 def test_images_without_a_cell_or_a_channel_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="at least one c"):
         hog(torch.zeros(shape), SPEC)
+
+
+@pytest.mark.parametrize("channels", [2, 4])
+def test_separate_colours_are_one_or_three(channels: int) -> None:
+    spec = replace(SPEC, colour="separate")
+    for call in (lambda: hog(torch.zeros(1, channels, 8, 8), spec), lambda: stream(np.zeros((8, 8, channels)), spec)):
+        with pytest.raises(ValueError, match=f"needs images of 1 or 3 channels, got {channels}"):
+            call()
 
 
 def test_other_options_are_refused() -> None:

@@ -252,3 +252,9 @@ def test_operators_are_the_functions(name: str) -> None:
             assert_close(one, other, rtol=0, atol=1e-12)
         of_cells = operators.cells(x, text).permute(0, 3, 1, 2)
         assert torch.equal(of_cells, histograms(x, s))
+
+
+@pytest.mark.parametrize("operator", [operators.cells, operators.describe])
+def test_operators_take_one_colour(operator: Any) -> None:
+    with pytest.raises(ValueError, match=r"of one colour, got .* with colour 'separate'"):
+        operator(noise(1, 3, 14, 13), SPECS["cells-separate"].to_json())

@@ -127,6 +127,32 @@ def test_reconstructed(new: HOGSpec) -> None:
 # --- what is left out ------------------------------------------------------------------------------------------------
 
 
+def test_a_kind_is_of_one_class() -> None:
+    """Which may come again, as one of a module that is reloaded does."""
+    for _ in range(2):
+
+        class Again(PerCell):
+            kind = "again"
+
+    assert Normalizer.kinds["again"] is Again
+    with pytest.raises(TypeError, match=r"the kind 'again' of Other is that of .*Again: choose another"):
+        type("Other", (PerCell,), {"kind": "again"})
+    assert Normalizer.kinds["again"] is Again
+
+
+def test_cells_must_be_at_regular_places_to_be_streamed() -> None:
+    @dataclass(frozen=True)
+    class Growing(WideCells):
+        kind: ClassVar[str] = "growing"
+
+        def taps(self, pixels: int, cells: int, cell: int, axis: int, ring: bool, like: Tensor) -> Taps:
+            taps = super().taps(pixels, cells, cell, axis, ring, like)
+            return Taps(torch.arange(pixels).sqrt().long(), taps.weights)
+
+    with pytest.raises(AssertionError, match="do not repeat"):
+        stream(np.zeros((90, 9), np.float32), spec(pooling=Growing()))
+
+
 def test_one_factor_for_an_image_must_be_said() -> None:
     """Whoever needs the whole image, and does not say by what a histogram is multiplied, is not streamed."""
 

@@ -86,6 +86,8 @@ def test_arrays() -> None:
     ("images", "words"),
     [
         (Image.new("L", (4, 4)), r"got a PIL image: write \[image\]$"),
+        ([], "images must hold images, got none"),
+        (np.empty(0, object), "images must hold images, got none"),
         (np.array([[[0, np.nan]]]), "must be finite"),
         ([np.zeros((1, 1)), np.array([[np.inf]])], r"images\[1\] must be finite"),
     ],

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from nablahog import hog, reconstruct
+from nablahog.hog import FourBlockNorm
 from nablahog.invert import default_prior, reconstruct_samples
 from nablahog.invert.prior.choice import PRIOR_FOLDER
 
@@ -19,6 +20,8 @@ from ..io import tiny_models
 from ..io.archives import check_refused
 from .photographs import photograph
 from .prior_dialects import FEW, PAPER, UOCTTI
+
+UNDIRECTED = FourBlockNorm(parts=("undirected", "texture"), texture="dpm")  # of directed histograms
 
 
 def test_what_does_not_fit() -> None:
@@ -32,6 +35,7 @@ def test_what_does_not_fit() -> None:
             (lambda several=several: reconstruct(of_signed, UOCTTI, prior=several, search=FEW), "expected one prior")
             for several in ([], [default_prior("paper")], [default_prior("uoctti")] * 2)
         ),
+        (lambda: default_prior(replace(UOCTTI, normalizer=UNDIRECTED)), "no prior for .* comes with the package"),
         (lambda: reconstruct_samples(descriptor, PAPER, count=1), "count must be an integer"),
         (lambda: reconstruct_samples(of_signed, UOCTTI), "need a prior for unsigned descriptors"),
         (lambda: prior.expected(descriptor, PAPER, (64, 64), torch.zeros(2, 9, 8, 8)), "must"),  # of another batch

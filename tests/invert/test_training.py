@@ -163,6 +163,19 @@ def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
             trained(**{"images": images, **changed})
 
 
+def test_a_training_that_diverges_ends(
+    tmp_path: Path, images: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = torch.ones(2, 18, 4, 4)
+    monkeypatch.setattr(SignedTraining, "_compute_histograms", lambda _, windows, spec: cells[: len(windows)])
+    monkeypatch.setattr(SignedTraining, "grids", [(4, 4)])
+    assert trained(images, epochs=1).learning.losses[0] < 100
+    monkeypatch.setattr(SignedTraining, "learning_rate", 1e30)
+    with pytest.raises(ValueError, match="has diverged in epoch 1: the loss is"):
+        trained(images, checkpoint=tmp_path / "kept")
+    assert not any(tmp_path.iterdir())
+
+
 # --- means and variances as a part of the weights
 
 

@@ -277,10 +277,11 @@ def test_one_dialect_is_not_decided_against_its_numbers() -> None:
         ({"skimag": {}}, "got 'skimag'; did you mean 'skimage'"),
         ({"opencv": {"win_sise": (64, 128)}}, "'opencv'.*got 'win_sise'; did you mean 'win_size'"),
         ({"skimage": {"orientations": 0}}, "must be an integer"),
+        ({"opencv": None}, r"dialects\['opencv'\] must be a dict, got None: write {}"),
     ],
 )
-def test_dialects_that_there_are_not(dialects: dict[str, dict[str, Any]], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+def test_dialects_that_there_are_not(dialects: dict[str, Any], words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
         which_hog(np.zeros(3780), dialects=dialects)
 
 

@@ -157,6 +157,11 @@ def test_a_preconditioner_saves_products_and_leaves_the_solution() -> None:
     assert reached[Scaled] < reached[SumOfSquares] / 100
 
 
+def test_what_has_no_residuals_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"a problem with residuals .* got function"):
+        dogleg(lambda points, index: (points.square().sum(1), 2 * points), torch.ones(1, 2))
+
+
 def test_the_radius_after_a_trial() -> None:
     """Chumpy's rule, for a step of length 1.5 in a radius of 2: at a limit itself the radius stays."""
 

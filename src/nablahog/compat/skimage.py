@@ -267,9 +267,10 @@ def _strokes(
     for k in range(bins):
         # the absolute ends are truncated, not those relative to the cell's centre: cells may differ by rounding
         top, left = np.trunc(y - down[k]).astype(int), np.trunc(x + right[k]).astype(int)
-        if left.min() < 0:
-            raise ValueError(f"lines of {bins} orientations leave the picture in cells one pixel wide; use wider cells")
-        rise, run = np.trunc(y + down[k]).astype(int) - top, np.trunc(x - right[k]).astype(int) - left
+        bottom, end = np.trunc(y + down[k]).astype(int), np.trunc(x - right[k]).astype(int)
+        if end.max() >= width:
+            raise ValueError(f"lines of {bins} orientations leave the picture in cells of one pixel; use larger cells")
+        rise, run = bottom - top, end - left
         for dy in np.unique(rise):
             for dx in np.unique(run):
                 below, beside = line(0, 0, dy, dx)  # type: ignore[no-untyped-call]

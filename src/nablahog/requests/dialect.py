@@ -134,8 +134,6 @@ class Dialect:
     )
 
     def __post_init__(self) -> None:
-        if self.preset is not None and self.preset not in PRESETS:
-            raise ValueError(f"there is no preset {self.preset!r}; there are {', '.join(PRESETS)}")
         self._check_settings()
 
     def _check_settings(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -192,6 +193,14 @@ def test_an_empty_batch() -> None:
         descriptors = hog(x, SPECS[name], backend="triton")
         assert descriptors.shape == hog(torch.zeros(0, 3, 16, 16), SPECS[name]).shape
         assert torch.autograd.grad(descriptors.sum(), x)[0].shape == x.shape
+
+
+@pytest.mark.parametrize("rows", [2047, 2048])
+def test_the_largest_histograms_of_an_image(rows: int) -> None:
+    """Their places take 31 bits.  Nothing is computed of an empty batch."""
+    s = spec(cell_size=(1, 1), bins=512)
+    with nullcontext() if rows == 2047 else pytest.raises(ValueError, match="fewer than 2³¹ cells · bins an image"):
+        hog(torch.zeros(0, 1, rows, 2048, device=DEVICE), s, backend="triton")
 
 
 @pytest.mark.slow

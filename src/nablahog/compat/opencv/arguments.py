@@ -57,8 +57,9 @@ def pair(name: str, value: Any) -> Size:
         raise TypeError(f"{name} must be a pair (width, height) of integers, got {shortened(value)}") from None
 
 
-def text(name: str, value: Any) -> str:
+def text(name: str, value: Any, default: str | None = None) -> str:
     """A string; bytes are decoded as names of files are."""
+    value = default if value is None else value
     try:
         return os.fsdecode(value)
     except TypeError:
@@ -125,7 +126,8 @@ def output(name: str, value: Any, result: Any) -> Any:
         if value is not None and not isinstance(value, int | float | tuple):
             raise TypeError(f"{name} must be None or an array to write to, got {type(value).__name__}")
         return result
-    if not value.flags.writeable or min(value.strides, default=0) < 0 or not value[:1].flags.c_contiguous:
+    first = np.atleast_1d(value)[:1]
+    if not value.flags.writeable or min(value.strides, default=0) < 0 or not first.flags.c_contiguous:
         raise ValueError(f"{name} must be an array that can be written to row by row, got another layout")
     if value.dtype.name not in _DEPTHS[:8]:
         raise TypeError(f"{name} must be an array of numbers that OpenCV knows, got {value.dtype}")

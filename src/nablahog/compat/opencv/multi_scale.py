@@ -157,9 +157,9 @@ def _shift(
 ) -> NDArray[np.float64]:
     """One step of the mean shift."""
     near = heights * np.exp(-np.square(hits / kernels - point / kernels).sum(axis=1) / 2)
-    shifted: NDArray[np.float64] = (near[:, None] * (hits / kernels)).sum(axis=0) / (near[:, None] / kernels).sum(
-        axis=0
-    )
+    total = (near[:, None] / kernels).sum(axis=0)
+    with np.errstate(invalid="ignore"):  # NaN, as in OpenCV, if all weights are 0
+        shifted: NDArray[np.float64] = (near[:, None] * (hits / kernels)).sum(axis=0) / total
     return shifted
 
 

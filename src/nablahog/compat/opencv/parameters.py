@@ -202,7 +202,7 @@ class Parameters:
         node["winSigma"] = self.getWinSigma()
         if len(self._detector):
             node["SVMDetector"] = self._detector
-        storage.write(arguments.text("filename", filename), arguments.text("objname", objname or ""), node)
+        storage.write(arguments.text("filename", filename), arguments.text("objname", objname, ""), node)
 
     def load(self, filename: str | bytes | os.PathLike[str] | InputFile, objname: str = "") -> bool:
         """Reads parameters and detector from a file of :meth:`save`, here or of OpenCV.
@@ -222,7 +222,7 @@ class Parameters:
                 another length than its descriptors; the object is as before then.
         """
         file = filename if isinstance(filename, InputFile) else InputFile(arguments.text("filename", filename))
-        node = storage.read(file, arguments.text("objname", objname or ""))
+        node = storage.read(file, arguments.text("objname", objname, ""))
         try:
             loaded = type(self)(**{f"_{key}": _parameter(node, key) for key in _STORED if key in node})
             loaded.setSVMDetector(storage.floats(node, "SVMDetector") if "SVMDetector" in node else self._detector)

@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ...inputs.numbers import shortened
 from ...io.files import replacing
 from ...io.input_file import InputFile, Readable, input_file
 from ...runtime.text import one_line
@@ -37,12 +38,13 @@ Node: TypeAlias = Mapping[str, Any]
 def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -> None:
     """Writes integers, floats, tuples of integers and an array of float32 under a name, in the format of the ending."""
     stem = Path(path).name.removesuffix(".gz")
-    if not name and not stem.partition(".")[0]:
+    if not name and (not stem or stem.rfind(".") == 0):
         raise ValueError(f"filename must be the name of a file, and more than its ending, got {one_line(path)!r}")
     form, name = _FORMATS.get(Path(stem).suffix.lower(), _yaml), name or default_name(stem)
-    if not re.fullmatch("[A-Za-z_][A-Za-z0-9_-]*" if form is _xml else "[A-Za-z_][A-Za-z0-9_ -]*", name):
+    if not re.fullmatch("(?!_$)[A-Za-z_][A-Za-z0-9_-]*" if form is _xml else "[A-Za-z_][A-Za-z0-9_ -]*", name):
         raise ValueError(
-            f"objname must be ASCII letters, digits, - and _, the first a letter or _, got {one_line(name)!r}"
+            "objname must be ASCII letters, digits, - and _, the first a letter or _, and in XML not _ alone, "
+            f"got {shortened(name)}"
         )
     text = form(name, node)
     packed = text.encode() if stem == Path(path).name else gzip.compress(text.encode(), mtime=0)
@@ -53,7 +55,7 @@ def write(path: str | os.PathLike[str], name: str, node: Mapping[str, object]) -
 def default_name(stem: str) -> str:
     """OpenCV's name of the object in a file: the file's own, without its ending, as an identifier."""
     name = re.sub(r"[^A-Za-z0-9_-]", "_", stem.rpartition(".")[0] or stem)
-    name = name if re.match("[A-Za-z_]", name) else f"_{name}"
+    name = name if re.match("[A-Za-z_]", stem) else f"_{name}"
     return "unnamed" if name == "_" else name
 
 
