@@ -134,10 +134,7 @@ class Dialect:
     )
 
     def __post_init__(self) -> None:
-        self._check_settings()
-
-    def _check_settings(self) -> None:
-        _ = self.spec
+        _ = self.spec  # raises what is wrong with the settings
 
     @property
     def name(self) -> str:

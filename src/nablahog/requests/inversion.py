@@ -46,10 +46,10 @@ class GlyphRequest(HogRequest):
     row: int | None = option(None, "the row of a matrix of descriptors, counted from 0; all by default", integer(0))
     key: str | None = option(None, "name of the array, if the file holds several", TEXT)
 
-    def _check_settings(self) -> None:
+    def __post_init__(self) -> None:
         """Without a preset, an array may be of any that has these parameters."""
         if self.preset is not None or not presets_with(self.settings):
-            super()._check_settings()
+            super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)
