@@ -178,6 +178,69 @@ def test_gradients_of_pixels(padding: tuple[Any, ...], colour: bool) -> None:
     assert np.abs(ours.sum(axis=2) - theirs.sum(axis=2)).max() <= 1e-4
 
 
+PIXELS = crop(6, 31, 43, colour=True)
+VOTES = (31, 43, 2)
+
+
+@pytest.mark.parametrize(
+    "grad",
+    [
+        np.zeros(VOTES, np.float32),
+        np.zeros((62, 43, 2), np.float32)[::2],
+        np.zeros((31, 86, 2), np.float32)[:, :43],
+        np.zeros(VOTES),  # of another type, and of another shape: they stay as they are
+        np.zeros((31, 42, 2), np.float32),
+    ],
+)
+def test_gradients_are_written_to_arrays_of_their_kind(grad: np.ndarray) -> None:
+    expected, expected_bins = HOGDescriptor(*SMALL).computeGradient(PIXELS, None, None)
+    bins, written = np.zeros(VOTES, np.uint8), []
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        grad[:], bins[:] = 0, 0
+        votes, found = make(*SMALL).computeGradient(PIXELS, grad, bins)
+        assert found is bins
+        assert np.mean(found == expected_bins) > 0.99
+        np.testing.assert_allclose(votes, expected, rtol=0, atol=1e-3)
+        written.append((votes is grad, grad.any()))
+    assert written[0] == written[1]
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_gradients_where_opencv_keeps_arrays_elsewhere(place: int) -> None:
+    expected = HOGDescriptor(*SMALL).computeGradient(PIXELS, None, None)
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        arrays: list[Any] = [PIXELS, np.zeros(VOTES, np.float32), np.zeros(VOTES, np.uint8)]
+        arrays[place] = cv2.UMat(arrays[place])
+        results = make(*SMALL).computeGradient(*arrays)
+        for result, numbers in zip(results, expected, strict=True):
+            assert isinstance(result, cv2.UMat)
+            np.testing.assert_allclose(result.get(), numbers, rtol=0, atol=1e-3)
+        if place:  # it is written to
+            np.testing.assert_allclose(arrays[place].get(), expected[place - 1], rtol=0, atol=1e-3)
+
+
+READ_ONLY = np.zeros(VOTES, np.float32)
+READ_ONLY.setflags(write=False)
+
+
+@pytest.mark.parametrize(
+    ("grad", "words"),
+    [
+        (READ_ONLY, "another layout"),
+        (np.zeros(VOTES, np.float32)[::-1], "another layout"),
+        (np.zeros((31, 86, 2), np.float32)[:, ::2], "another layout"),
+        (np.zeros(VOTES, np.int64), "got int64"),
+        (np.zeros(VOTES, np.complex64), "got complex64"),
+        ("votes", "None or an array to write to, got str"),
+    ],
+)
+def test_what_gradients_cannot_be_written_to(grad: Any, words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^grad must be .*{words}"):
+        HOGDescriptor(*SMALL).computeGradient(PIXELS, grad, None)
+    with pytest.raises(cv2.error):
+        cv2.HOGDescriptor(*SMALL).computeGradient(PIXELS, grad, None)
+
+
 def test_each_object_has_its_own_threshold() -> None:
     """OpenCV in a process of its own says what it is: here, the process has used 0.2."""
     arguments = (*FIVE, 1, -1, 0, 0.05)
@@ -197,7 +260,10 @@ sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes
 
 
 def test_without_a_detector_nothing_is_found() -> None:
-    assert HOGDescriptor().detectMultiScale(np.zeros((128, 64), np.uint8)) == ((), ())
+    for each in (HOGDescriptor(), cv2.HOGDescriptor()):
+        for size in ((128, 64), (20, 20)):  # the latter has no window
+            assert each.detectMultiScale(np.zeros(size, np.uint8)) == ((), ())
+            assert each.detect(np.zeros(size, np.uint8)) == ((), ())
 
 
 @pytest.mark.parametrize(

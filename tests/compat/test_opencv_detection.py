@@ -235,7 +235,14 @@ def test_groups_are_opencvs(seed: int, threshold: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"hitThreshold": "0"}, {"winStride": (8, -8)}, {"scale": True}, {"useMeanshiftGrouping": 1.0}]
+    "options",
+    [
+        {"hitThreshold": "0"},
+        {"hitThreshold": 10**400},
+        {"winStride": (8, -8)},
+        {"scale": True},
+        {"useMeanshiftGrouping": 1.0},
+    ],
 )
 def test_options_are_refused(options: dict[str, Any]) -> None:
     """OpenCV's own errors are :class:`cv2.error`, where it does not crash."""
