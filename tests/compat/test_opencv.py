@@ -237,6 +237,21 @@ def test_other_arrays_are_refused_as_by_opencv(grad: Any, words: str) -> None:
             make(*SMALL).computeGradient(crop(6, 31, 43, colour=False), grad, None)
 
 
+@pytest.mark.parametrize("place", range(3))
+def test_gradients_where_opencv_keeps_arrays_elsewhere(place: int) -> None:
+    image = crop(6, 31, 43, colour=True)
+    expected = HOGDescriptor(*SMALL).computeGradient(image, None, None)
+    for make in (HOGDescriptor, cv2.HOGDescriptor):
+        arrays: list[Any] = [image, np.zeros((31, 43, 2), np.float32), np.zeros((31, 43, 2), np.uint8)]
+        arrays[place] = cv2.UMat(arrays[place])
+        results = make(*SMALL).computeGradient(*arrays)
+        for result, numbers in zip(results, expected, strict=True):
+            assert isinstance(result, cv2.UMat)
+            np.testing.assert_allclose(result.get(), numbers, rtol=0, atol=1e-3)
+        if place:  # it is written to
+            np.testing.assert_allclose(arrays[place].get(), expected[place - 1], rtol=0, atol=1e-3)
+
+
 def test_each_object_has_its_own_threshold() -> None:
     """OpenCV in a process of its own says what it is: here, the process has used 0.2."""
     arguments = (*FIVE, 1, -1, 0, 0.05)
@@ -256,7 +271,10 @@ sys.stdout.buffer.write(cv2.HOGDescriptor(*{arguments!r}).compute(image).tobytes
 
 
 def test_without_a_detector_nothing_is_found() -> None:
-    assert HOGDescriptor().detectMultiScale(np.zeros((128, 64), np.uint8)) == ((), ())
+    for each in (HOGDescriptor(), cv2.HOGDescriptor()):
+        for size in ((128, 64), (20, 20)):  # the latter has no window
+            assert each.detectMultiScale(np.zeros(size, np.uint8)) == ((), ())
+            assert each.detect(np.zeros(size, np.uint8)) == ((), ())
 
 
 @pytest.mark.parametrize(

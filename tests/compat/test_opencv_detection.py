@@ -251,6 +251,7 @@ def test_groups_are_opencvs(seed: int, threshold: int) -> None:
     "options",
     [
         {"hitThreshold": "0"},
+        {"hitThreshold": 10**400},
         {"winStride": (8, -8)},
         {"scale": True},
         *({"groupThreshold": members} for members in (2**31, -(2**31), np.nan)),

@@ -176,3 +176,5 @@ def test_there_must_be_a_file(tmp_path: Path) -> None:
         HOGDescriptor(tmp_path / "a.yml")
     with pytest.raises(ValueError, match="got a folder"):
         HOGDescriptor(tmp_path)
+    with pytest.raises(TypeError, match="filename must be a string, got 5"):
+        HOGDescriptor().load(5)  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from scipy.sparse import coo_array
 
 from nablahog.inputs.arrays import as_array, as_mask, as_tensor
 from nablahog.inputs.batches import as_batch
@@ -76,6 +77,8 @@ def test_arrays() -> None:
     assert as_array("rows", rows).dtype == np.float64
     with pytest.raises(TypeError, match="rows must"):
         as_array("rows", np.array([1.0, None], object))
+    with pytest.raises(TypeError, match=r"rows must .*: write its toarray\(\)$"):
+        as_array("rows", coo_array(np.eye(2)))
     numbers = np.zeros(4, np.dtype([("a", np.float32), ("b", np.int8)]))["a"]  # 5 bytes from one to the next
     numbers[:] = [1, 2, 3, 4]
     for array in (numbers, numbers[::-1], numbers[::2], np.array([1, 2], ">f4")):

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 import pytest
 import torch
 from numpy.typing import NDArray
+from scipy.io import savemat
 
 from nablahog.io import arrays
 from nablahog.io.array_cache import SIZE_VARIABLE, cached_array
@@ -126,6 +128,14 @@ def test_an_array_of_other_kinds_is_refused_with_what_to_write(tmp_path: Path, a
         arrays.read_array(tmp_path / "d.npy", None)
 
 
+def test_a_file_without_numbers(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", text="abc")
+    savemat(tmp_path / "a.mat", {"text": "abc"})
+    for name in ("a.npz", "a.mat"):
+        with pytest.raises(ValueError, match=r"the file holds no array of numbers$"):
+            arrays.read_array(tmp_path / name, None)
+
+
 SHAPE = (3, 1000)
 
 
@@ -155,6 +165,19 @@ def test_it_is_made_once(folder: Path) -> None:
     assert np.array_equal(cached_array("kind", "key", SHAPE, make), make())
     cached_array("kind", "other", SHAPE, make)
     assert len(os.listdir(folder)) == 2
+
+
+def test_where_there_is_no_cache_it_is_made_each_time(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Maker()
+    monkeypatch.setenv(SIZE_VARIABLE, "0")
+    cached_array("kind", "key", SHAPE, make)
+    monkeypatch.setenv(SIZE_VARIABLE, "100")
+    with monkeypatch.context() as homeless:
+        homeless.delenv("NABLAHOG_CACHE_DIR")
+        homeless.setattr(platformdirs, "user_cache_path", lambda name: Path("~/.cache") / name)
+        assert np.array_equal(cached_array("kind", "key", SHAPE, make), make())
+    assert make.made == 3
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,7 @@ def test_colmap(line: str, intrinsics: Any, distortion: Any) -> None:
         ("camera.json", '{"fx": 1%s, "fy": 5, "cx": 4, "cy": 4}' % ("0" * 400), "fx must be a finite number"),
         ("camera.json", json.dumps({"K": MATRIX, "width": "640", "height": 480}), "width must be an integer"),
         ("camera.json", '{"fx": 5, "fy": 5, "cx": 4, "cy": 4, "fx": 6}', "there twice"),
+        ("camera.csv", "", r"got the ending '\.csv'$"),
         ("cameras.bin", "", "model_converter --output_type TXT"),
         ("camera.yaml", "", "or its numbers as JSON, such as"),
         ("camera.json", "{", "expected JSON, but it cannot be read: Expecting property name"),

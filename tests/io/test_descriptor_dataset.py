@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import random
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -145,6 +146,15 @@ def test_what_is_no_data_set(tmp_path: Path) -> None:
     (tmp_path / MANIFEST).write_bytes((tmp_path / "elsewhere").read_bytes()[:-9])
     with pytest.raises(ValueError, match=f"{MANIFEST}: the list of images cannot be read"):
         DescriptorDataset(str(tmp_path))
+
+
+def test_what_was_written_by_a_package_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(dataset_manifest, "version", version)
+    with pytest.raises(ValueError, match=r"^nablahog of an unknown version \(code .* wrote it"):
+        Manifest(SPEC, 0, code="other").check(Manifest(SPEC, 0))
 
 
 @pytest.mark.parametrize(("count", "size", "shards"), [(1, 1, 1), (20, 1, 4), (20_000, 1, 141), (30, 10 << 20, 5)])

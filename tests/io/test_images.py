@@ -271,6 +271,7 @@ PLANE = {"FocalLength": rational(5.2), "FocalPlaneXResolution": rational(2540)} 
         ({"FocalLengthIn35mmFilm": 60_000}, None),
         ({"FocalLengthIn35mmFilm": 26, "ExifImageWidth": 800, "ExifImageHeight": 800}, None),  # cut
         ({**PLANE, "FocalLength": IFDRational(5, 0)}, None),
+        ({**PLANE, "FocalPlaneResolutionUnit": 1}, None),  # which says that there is none
     ],
 )
 @pytest.mark.parametrize("orientation", [1, 6])
@@ -280,6 +281,12 @@ def test_focal_lengths(tmp_path: Path, tags: dict[str, Any], expected: float | N
     exif[ExifTags.IFD.Exif] = {getattr(TAGS, name): value for name, value in tags.items()}
     Image.new("RGB", (400, 300)).save(tmp_path / "photo.jpg", exif=exif)
     assert read_exif_focal(tmp_path / "photo.jpg") == pytest.approx(expected)
+
+
+def test_no_photograph_has_no_focal_length(tmp_path: Path) -> None:
+    (tmp_path / "text.jpg").write_text("hello")
+    for name in ("text.jpg", "missing.jpg"):
+        assert read_exif_focal(tmp_path / name) is None
 
 
 def test_polygons_are_drawn_as_a_mask() -> None:

@@ -114,6 +114,11 @@ def test_errors_call_bytes_by_their_name(name: str) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/mem"), reason="needs Linux")
+def test_a_file_that_cannot_be_read_is_of_no_kind() -> None:
+    assert not is_raw("/proc/self/mem")
+
+
 def test_an_array_of_a_damaged_header_takes_no_memory() -> None:
     header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (1000000000000,), }"
     header += b" " * (-(len(header) + 11) % 64) + b"\n"

@@ -8,6 +8,7 @@ derivative is compared with that of a finely sampled image.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -97,6 +98,33 @@ def test_by_a_background_of_one_level() -> None:
 def test_poses_cannot_be_mapped_over() -> None:
     with pytest.raises(ValueError, match="outside of"):
         torch.func.vmap(lambda at: render(TRIANGLE, at[None], CAMERA))(AT)
+
+
+def test_what_depends_on_no_image() -> None:
+    """A function of the image without a derivative: the poses have none either."""
+
+    class Constant(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, image: Tensor) -> Tensor:
+            return image.clone()
+
+        @staticmethod
+        def backward(ctx: Any, _: Tensor) -> None:
+            return None
+
+    at = AT.clone().requires_grad_()
+    Constant.apply(Renderer(TRIANGLE, CAMERA)(at)).sum().backward()  # type: ignore[no-untyped-call]
+    assert at.grad is None
+
+
+def test_images_are_differentiated_once() -> None:
+    renderer, level = Renderer(TRIANGLE, CAMERA), torch.tensor(0.5)
+
+    def by_poses(level: Tensor) -> Tensor:
+        return slope(lambda at: renderer(at, level), AT, torch.ones_like(AT))
+
+    with pytest.raises(NotImplementedError, match="differentiated by poses cannot be differentiated by the background"):
+        slope(by_poses, level, torch.ones(()))
 
 
 @methods

@@ -173,12 +173,14 @@ def test_texture_at_the_vertices(tmp_path: Path) -> None:
     assert [round(float(b) * 255) for _, b in sorted(by_place.items())] == [10, 30, 20]
 
 
-@pytest.mark.parametrize("name", ["missing.png", "damaged.png", "../outside.png", "pipe.png"])
+@pytest.mark.parametrize("name", ["missing.png", "damaged.png", "cut.png", "../outside.png", "pipe.png"])
 def test_unreadable_texture_leaves_the_colour(tmp_path: Path, name: str) -> None:
     folder = tmp_path / "models"
     folder.mkdir()
     os.mkfifo(folder / "pipe.png")
     write(folder, "damaged.png", b"\x89PNG\r\n\x1a\n nothing else")
+    Image.new("L", (4, 4), 255).save(folder / "cut.png")
+    write(folder, "cut.png", (folder / "cut.png").read_bytes()[:45])
     Image.new("L", (4, 4), 255).save(tmp_path / "outside.png")
     mesh = _textured(folder, f"newmtl m\nKd 0 1 0\nmap_Kd {name}\n")
     torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN, dtype=torch.float64))
@@ -205,9 +207,10 @@ def test_materials_of_glb(tmp_path: Path, material: dict[str, Any], brightness: 
     torch.testing.assert_close(mesh.brightness, torch.full((3,), brightness, dtype=torch.float64))
 
 
-def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("count", "brightness"), [(3, GREEN / 2), (4, GREEN)])  # the latter are of other vertices
+def test_vertex_colours_of_glb_multiply_the_material(tmp_path: Path, count: int, brightness: float) -> None:
     model = Glb([[0, 0, 0], [2, 0, 0], [0, 1, 0]], material=0)
-    model.primitive["attributes"]["COLOR_0"] = model.add(np.full((3, 3), 0.5, "<f4"))
+    model.primitive["attributes"]["COLOR_0"] = model.add(np.full((count, 3), 0.5, "<f4"))
     green = {"pbrMetallicRoughness": {"baseColorFactor": [0, 1, 0, 1]}}
     mesh = load_mesh(write(tmp_path, "a.glb", model.data(materials=[green])))
-    torch.testing.assert_close(mesh.brightness, torch.full((3,), GREEN / 2, dtype=torch.float64))
+    torch.testing.assert_close(mesh.brightness, torch.full((3,), brightness, dtype=torch.float64))

@@ -99,6 +99,7 @@ FEW_FACES = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 0}]}]
         ("a.glb", triangle_glb(accessors=[MANY | {"type": "MAT4", "count": 10**7}]), "bytes in accessors are allowed"),
         ("a.glb", triangle_glb(accessors=[MANY | {"count": 1e9}]), "count must be an integer of at least 0"),
         ("a.glb", triangle_glb(extras=[0] * 9_000_000), "its JSON has more than"),
+        ("a.glb", triangle_glb(meshes=[{"primitives": [{"attributes": {}}]}]), "it has no 'POSITION'"),
     ],
 )
 def test_damaged_files_are_refused_in_one_sentence(
@@ -204,11 +205,11 @@ TOO_SHORT = "the buffer is missing or shorter than byteLength says"
 INTERNALS = re.compile("' object|has no attribute|out of range|recursion|digits")
 
 
-def _sparse(index: int) -> dict[str, Any]:
-    """A file whose sparse corner, at an index of one signed byte, is the first."""
+def _sparse(*indices: int) -> dict[str, Any]:
+    """A file whose sparse corners, at indices of one signed byte, are the first."""
     model = Glb([[0, 0, 0], [2, 0, 0], [0, 1, 0]])
-    at = {"bufferView": model.view(np.array([index], "i1")), "componentType": 5120}
-    model.header["accessors"][0]["sparse"] = {"count": 1, "indices": at, "values": {"bufferView": 0}}
+    at = {"bufferView": model.view(np.array(indices, "i1")), "componentType": 5120}
+    model.header["accessors"][0]["sparse"] = {"count": len(indices), "indices": at, "values": {"bufferView": 0}}
     url = "data:;base64," + base64.b64encode(model.binary).decode()
     return {**model.header, "buffers": [{"byteLength": len(model.binary), "uri": url}]}
 
@@ -252,6 +253,7 @@ def _mesh(**primitive: Any) -> list[dict[str, Any]]:
         ),
         (_sparse(-1), "accessors[0].sparse.indices"),
         (_sparse(3), "accessors[0].sparse.indices"),
+        (_sparse(0, 1, 2, 2), "accessors[0].sparse.count must be at most 3, got 4"),
     ],
 )
 def test_the_place_of_what_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], place: str) -> None:
@@ -287,4 +289,5 @@ def test_null_and_empty_lists_count_as_absent(tmp_path: Path) -> None:
     header = triangle_glb(nodes=[node], scenes=[], scene=None)
     assert b'"matrix": null' in header
     assert len(load_mesh(write(tmp_path, "a.glb", header)).faces) == 1
-    assert len(load_mesh(write(tmp_path, "b.glb", triangle_glb(**_sparse(0)))).faces) == 1
+    for indices in ((0,), (0, 1, 2)):
+        assert len(load_mesh(write(tmp_path, "b.glb", triangle_glb(**_sparse(*indices)))).faces) == 1

@@ -95,6 +95,7 @@ def _binary_ply(order: str) -> bytes:
         ("old_word.obj", OBJ.replace("f ", "fo "), 0.8),
         ("old_windows.obj", OBJ.replace("f", "v -1.#IND -1.#IND -nan(ind)\nf", 1), 0.8),
         ("levels.obj", "".join(f"v {corner} 255 0 0\n" for corner in CORNERS) + OBJ[len(VERTICES_OBJ) :], RED),
+        ("one_coloured.obj", OBJ.replace("v 0 0 0\n", "v 0 0 0 1 0 0\n"), 0.8),
         ("one_place.obj", VERTICES_OBJ + "vt .5\n" + TEXTURED[len(UV) :].replace("/2", "/1").replace("/3", "/1"), 0.8),
         ("mixed.obj", OBJ.replace("f 1 2 3 4", "vt 0 0\nvn 0 0 1\nf 1//1 2/1 3/1/1 -5"), 0.8),
         ("lost.obj", "mtllib none.mtl\n" + VERTICES_OBJ + TEXTURED, 0.8),
@@ -264,6 +265,9 @@ WHITE_BELOW = [[0] * 4] * 2 + [[255] * 4] * 2  # of a texture, whose first row i
         ({"extensions": {"KHR_texture_transform": {"offset": [0, 0.5]}}}, [0.2], "<u2", 1),
         ({"extensions": {"KHR_texture_transform": {"rotation": -np.pi / 2}}}, [0.2], "<f4", 1),  # (u, v) to (-v, u)
         ({"extensions": {"KHR_texture_transform": {"texCoord": 1, "scale": [1, 0.25]}}}, [0.2, 0.8], "<f4", 0),
+        ({"texCoord": 1}, [0.2], "<f4", 0.8),  # which is not there
+        ({"index": 1}, [0.8], "<f4", 1),
+        ({"index": 2}, [0.2], "<f4", 0.8),
     ],
 )
 @pytest.mark.parametrize("inside", [True, False])
@@ -281,7 +285,11 @@ def test_places_in_the_texture_of_a_glb(
     url = "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
     content = model.data(
         materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}}}],
-        textures=[{"source": 0}],
+        textures=[
+            {"source": 0},
+            {"extensions": {"EXT_texture_webp": {"source": 0}}},
+            {"extensions": {"KHR_texture_basisu": {"source": 0}}},  # of a format that is not read
+        ],
         images=[{"uri": url if inside else "w.png"}],
         extensionsRequired=["KHR_texture_transform", "KHR_mesh_quantization"],
     )

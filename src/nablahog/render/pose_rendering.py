@@ -42,9 +42,9 @@ class PoseRendering(torch.autograd.Function):
         return pose_vjp(grad_image, screen_gradient, poses, ctx.camera).to(poses), None, None, None, None
 
     @staticmethod
-    def jvp(ctx: Any, tangent: Tensor | None, *_: None) -> tuple[Tensor | None, None]:
-        if tangent is None:
-            return None, None
+    def jvp(ctx: Any, tangent: Tensor | None, *_: Any) -> tuple[Tensor, None]:
+        if tangent is None:  # an outer transform's, by the background; PyTorch would end in an internal error
+            raise NotImplementedError("images differentiated by poses cannot be differentiated by the background too")
         poses, screen_gradient = ctx.saved_tensors
         jacobian = pose_jacobian(screen_gradient, poses, ctx.camera)
         return torch.einsum("bk,bkhw->bhw", tangent.to(jacobian), jacobian), None
