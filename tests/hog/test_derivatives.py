@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
-from torch.autograd import gradcheck, gradgradcheck
+from torch.autograd import forward_ad, gradcheck, gradgradcheck
 from torch.testing import assert_close
 
 from nablahog.hog import BlockNorm, CellNorm, FourBlockNorm, GlobalNorm, hog, presets
-from nablahog.hog.descriptor import histograms
+from nablahog.hog.descriptor import histograms, histograms_jvp, normalize
 from nablahog.hog.gradient import gradient
 from nablahog.hog.normalizers import Normalizer
 from nablahog.hog.normalizers.block import BlockForm
@@ -20,7 +21,7 @@ from nablahog.hog.normalizers.per_cell import GlobalForm
 from nablahog.hog.steps import normalize_reference
 
 from .differences import Function, analytic, assert_jacobian_equals_central_differences, one_sided, vector
-from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise, sized, spec
+from .zoo import DOUBLE, PRESETS, SPECS, fits, integers, noise, rounding, sized, spec, waves
 
 # --- away from kinks -------------------------------------------------------------------------------------------------
 
@@ -63,6 +64,46 @@ def test_second_derivatives(name: str) -> None:
     s = SMALL[name]
     x = noise(1, 1, *s.image_size(2, 2), seed=3).requires_grad_()
     assert gradgradcheck(lambda z: hog(z, s), (x,), fast_mode=True, check_fwd_over_rev=True)
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_tangents_of_histograms_are_those_of_the_reference(name: str) -> None:
+    s, x = SPECS[name], noise(2, 3, 14, 11)
+    expected = torch.func.jvp(lambda z: histograms(z, s, backend="torch"), (x,), (waves(x),))[1]
+    tolerance = rounding(s) * float(expected.abs().max())
+    assert_close(histograms_jvp(x, waves(x), s), expected, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("name", ["uoctti", "opencv", "maskfeat"])
+def test_several_cotangents_at_once(name: str) -> None:
+    """As in ``torch.autograd.functional.jacobian(vectorize=True)``: of descriptors and of the normaliser."""
+    s = SPECS[name]
+    image = noise(1, 3, 9, 8).requires_grad_()
+    cells = histograms(image.detach(), s).requires_grad_()
+    for output, at in ((hog(image, s), image), (normalize(cells, s), cells)):
+        cotangents = torch.stack([waves(output, last) for last in (3, 20)])
+        each = torch.stack([torch.autograd.grad(output, at, one, retain_graph=True)[0] for one in cotangents])
+        (together,) = torch.autograd.grad(output, at, cotangents, is_grads_batched=True)
+        assert_close(together, each, rtol=0, atol=rounding(s) * float(each.abs().max()))
+
+
+class Nothing(torch.autograd.Function):
+    """Passes on no gradient."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        return x.clone()
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> None:
+        return None
+
+
+def test_no_gradient_gives_none() -> None:
+    x = noise(1, 1, 16, 16).requires_grad_()
+    with forward_ad.dual_level():
+        passed: Tensor = Nothing.apply(hog(x, "paper"))  # type: ignore[no-untyped-call]
+        assert torch.autograd.grad(passed.sum(), x, allow_unused=True) == (None,)
 
 
 @pytest.mark.parametrize("form", ["printed", "robust"])

@@ -11,6 +11,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
+from torch._subclasses import FakeTensor, FakeTensorMode
 from torch.overrides import TorchFunctionMode
 from torch.testing import assert_close
 from torch.utils._pytree import tree_leaves
@@ -185,6 +186,15 @@ def test_compiled_equals_eager(name: str, steps: Backend, backend: str) -> None:
         first.square().sum().backward()
         second.square().sum().backward()
         assert_close(a.grad, b.grad, rtol=1e-4, atol=1e-5)
+
+
+def test_fake_tensors_have_the_shape_of_the_histograms() -> None:
+    s, fake = SPECS["dpm"], FakeTensorMode()
+    smallest = noise(2, 1, *s.image_size(1, 1))
+    cells = histograms(fake.from_tensor(smallest), s)
+    assert (type(cells), cells.shape) == (FakeTensor, histograms(smallest, s).shape)
+    with pytest.raises(ValueError, match="has 3x1 cells, too few for a dpm"):
+        histograms(fake.from_tensor(smallest[..., : s.cell_size[1]]), s)
 
 
 @pytest.mark.usefixtures("fresh_compiler")

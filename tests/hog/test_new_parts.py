@@ -124,6 +124,12 @@ def test_reconstructed(new: HOGSpec) -> None:
     assert abs(alike) > 0.6  # or its negative: bins are not signed
 
 
+def test_nothing_exact_is_known_of_it() -> None:
+    channels = noise(1, 8, 3, 4)
+    assert list(Pairs().identities(channels, 4, False, 1e-6)) == []
+    assert Pairs().needs_directed
+
+
 # --- what is left out ------------------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,18 @@ def test_bounds_that_other_numbers_keep_too_decide_nothing(name: str) -> None:
     assert holding is not None
     bounds = ("no entry but", "no entry at", "add up to at most", "entries of blocks are equal")
     assert not [identity.sentence for identity in holding if any(words in identity.sentence for words in bounds)]
+
+
+@pytest.mark.parametrize(
+    ("name", "bins", "which"),
+    [("vlfeat", 18, "19 … 27"), ("vlfeat", 16, "of all orientations"), ("dpm", 16, "of all directions")],
+)
+def test_texture_adds_up_to_channels_that_are_named(name: str, bins: int, which: str) -> None:
+    spec = replace(SPECS[name], bins=bins)
+    array = described("astronaut", spec).float().numpy()
+    candidate = Candidate(name, {}, spec, FittedLayout("cells", array.shape, (192, 192)))
+    holding = identities_that_hold(array, candidate, find_tolerance(array)) or []
+    assert f"texture adds up to the sum of channels {which}" in [identity.sentence for identity in holding]
 
 
 def test_opposite_directions_add_up_below_half_the_clip() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import torch
 from torch import Tensor
 
 from nablahog import hog, presets, reconstruct
-from nablahog.hog import HOGSpec
+from nablahog.hog import FourBlockNorm, HOGSpec
 from nablahog.hog.entries import cell_entries
 from nablahog.invert import Search
 from nablahog.invert.template import reconstruct_template, template_descriptor
@@ -24,6 +25,7 @@ SPECS: dict[str, HOGSpec] = {
     "opencv": presets.opencv((40, 40), (8, 8), (4, 4), (4, 4)),
     "maskfeat": presets.maskfeat(4),
     "paper": presets.paper(4),
+    "directed": replace(presets.uoctti(4), normalizer=FourBlockNorm(parts=("directed", "texture"))),
 }
 
 

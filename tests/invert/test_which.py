@@ -241,6 +241,12 @@ def test_windows_of_another_size(win_size: tuple[int, int], size: tuple[int, int
         assert (first.preset, first.image_size, first.count) == ("opencv", win_size[::-1], count)
 
 
+def test_one_row_of_blocks_has_no_seams() -> None:
+    vector = skimage(photograph(height=24))
+    first = which_hog(vector).candidates[0]
+    assert (first.preset, first.image_size, first.count) == ("skimage", (24, 64), 1)
+
+
 def test_a_pattern_is_not_taken_for_windows() -> None:
     stripes = np.zeros((120, 128, 3), np.uint8)
     stripes[::16] = stripes[1::16] = 255

@@ -8,12 +8,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import pytest
 import torch
 
-from nablahog.runtime.pytorch import _one_thread, in_threads, memory_for, run_in_threads, seeded
+from nablahog.runtime import pytorch
+from nablahog.runtime.pytorch import _one_thread, by_image, in_threads, memory_for, run_in_threads, seeded, to_float64
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")  # of forks
 needs_fork = pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
@@ -27,6 +29,24 @@ def test_results_come_in_order(two_threads: None) -> None:
 def test_inside_pytorch_has_one_thread_and_outside_as_many_as_before(two_threads: None) -> None:
     assert in_threads(lambda _: torch.get_num_threads(), 4) == [1] * 4
     assert torch.get_num_threads() == 2
+
+
+@pytest.mark.parametrize("lacks", ["a library", "functions"])
+def test_a_pytorch_without_settings_of_threads(two_threads: None, monkeypatch: pytest.MonkeyPatch, lacks: str) -> None:
+    def load(path: str) -> object:
+        if lacks == "a library":
+            raise OSError
+        return object()
+
+    monkeypatch.setattr(pytorch, "CDLL", load)
+    for cached in (pytorch._thread_settings, pytorch._pool):
+        monkeypatch.setattr(pytorch, cached.__name__, cache(cached.__wrapped__))
+    assert in_threads(lambda _: torch.get_num_threads(), 4) == [1] * 4
+    numbers: list[int] = []
+    thread = threading.Thread(target=lambda: numbers.append(torch.get_num_threads()))
+    thread.start()
+    thread.join()
+    assert numbers == [2]
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 64])
@@ -90,6 +110,31 @@ def test_memory_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: 30)
     assert memory_for(torch.device("cuda"), 7, 0.5) == 55
     assert memory_for(torch.device("cpu"), 7, 0.5) == 7
+
+
+def test_a_device_without_float64_keeps_float32(monkeypatch: pytest.MonkeyPatch) -> None:
+    x = torch.rand(3)
+    assert to_float64(x).dtype == torch.float64
+
+    def refuse(x: torch.Tensor) -> torch.Tensor:
+        raise TypeError("Cannot convert a MPS Tensor to float64 dtype")
+
+    monkeypatch.setattr(torch.Tensor, "double", refuse)
+    assert to_float64(x) is x
+
+
+@pytest.mark.parametrize(("batch", "calls"), [((0, 2), 1), ((3, 2), 3)])
+@pytest.mark.parametrize("device", ["cpu", "meta"])
+def test_by_image(batch: tuple[int, int], calls: int, device: str) -> None:
+    """One at a time on a CPU; at once if there are none, or elsewhere."""
+    sizes: list[int] = []
+
+    def double(x: torch.Tensor) -> torch.Tensor:
+        sizes.append(len(x))
+        return 2 * x
+
+    assert by_image(double, torch.ones(batch, device=device)).shape == batch
+    assert len(sizes) == (calls if device == "cpu" else 1)
 
 
 def run_forked(work: Callable[[], Any]) -> Any:

@@ -44,6 +44,7 @@ EVERY = {
     "maskfeat-even": presets.maskfeat(nbins=8),
     "uoctti-separate": presets.uoctti(colour="separate"),
     "signed-blocks": dataclasses.replace(presets.uoctti(), normalizer=FourBlockNorm(parts=("blocks",))),
+    "directed": dataclasses.replace(presets.uoctti(), normalizer=FourBlockNorm(parts=("directed", "texture"))),
 }
 
 

@@ -121,7 +121,7 @@ def memory_for(device: torch.device, on_cpu: int, share: float) -> int:
 
 def by_image(function: Callable[..., torch.Tensor], *batches: torch.Tensor) -> torch.Tensor:
     """``function(*batches)``; on a CPU of each image alone: PyTorch rounds a number by its place in a batch."""
-    if not len(batches[0]) or not batches[0].is_cpu:
+    if not batches[0].is_cpu:
         return function(*batches)
     # the derivative of a slice is a whole batch of zeros, that of a part of a split is not
     return torch.cat([function(*images) for images in zip(*(torch.split(batch, 1) for batch in batches), strict=True)])

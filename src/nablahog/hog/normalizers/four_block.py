@@ -290,7 +290,7 @@ class FourBlockNorm(Normalizer):
         """The undirected entries, or for want of them the directed ones, or the mean over the blocks."""
         if "undirected" in self.parts or "directed" not in self.parts:
             return self._undirected(channels, bins, signed)
-        return channels[:, : bins if signed else 2 * bins]
+        return channels[:, :bins]
 
     def native_constants(self, bins: int, signed: bool) -> tuple[float, ...]:
         """ε, the clip, the texture and its order, where parts begin (-1 if left out), and what changes at the edge."""
