@@ -117,14 +117,36 @@ def test_what_depends_on_no_image() -> None:
     assert at.grad is None
 
 
-def test_images_are_differentiated_once() -> None:
-    renderer, level = Renderer(TRIANGLE, CAMERA), torch.tensor(0.5)
+def test_second_derivatives_are_refused() -> None:
+    """By all that moves the image; it is linear in the background, whose Hessian there is."""
+    renderer, behind = Renderer(TRIANGLE, CAMERA), torch.full((1, 1, CAMERA.height, CAMERA.width), 0.5)
+    jvp, grad, along = torch.func.jvp, torch.func.grad, torch.ones_like(AT)
 
-    def by_poses(level: Tensor) -> Tensor:
-        return slope(lambda at: renderer(at, level), AT, torch.ones_like(AT))
+    def loss(at: Tensor, behind: Tensor) -> Tensor:
+        return (renderer(at, behind) ** 2).sum()
 
-    with pytest.raises(NotImplementedError, match="differentiated by poses cannot be differentiated by the background"):
-        slope(by_poses, level, torch.ones(()))
+    by_poses, by_background = grad(loss), grad(loss, argnums=1)
+    for function, value, direction in (
+        (lambda at: by_poses(at, behind), AT, along),
+        (lambda at: by_background(at, behind), AT, along),
+        (lambda behind: by_poses(AT, behind), behind, behind),
+        (lambda at: jvp(lambda at: loss(at, behind), (at,), (along,))[1], AT, along),
+        (lambda behind: jvp(lambda at: loss(at, behind), (AT,), (along,))[1], behind, behind),
+    ):
+        for twice in (
+            lambda: jvp(function, (value,), (direction,)),  # noqa: B023
+            lambda: grad(lambda x: function(x).sum())(value),  # noqa: B023
+        ):
+            with pytest.raises(NotImplementedError, match="differentiated once"):
+                twice()
+    _, product = jvp(lambda behind: by_background(AT, behind), (behind,), (behind,))
+    step = 0.01 * behind
+    difference = (by_background(AT, behind + step) - by_background(AT, behind - step)) / 0.02
+    torch.testing.assert_close(product, difference, rtol=1e-3, atol=1e-3)
+    at = AT.clone().requires_grad_()
+    (first,) = torch.autograd.grad(loss(at, behind), at, create_graph=True)
+    with pytest.raises(NotImplementedError, match="differentiated once"):
+        first.sum().backward()
 
 
 @methods

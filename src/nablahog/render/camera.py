@@ -248,7 +248,8 @@ def pose_vjp(grad_image: Tensor, screen_gradient: Tensor, poses: Tensor, camera:
     """
     _check_product(screen_gradient, poses, camera)
     check_shape("grad_image", grad_image, (len(poses), camera.height, camera.width))
-    if native.can_read(grad_image, screen_gradient, poses):
+    is_recorded = grad_image.requires_grad and torch.is_grad_enabled()
+    if native.can_read(grad_image, screen_gradient, poses) and not is_recorded:
         images, gradients = grad_image.to(screen_gradient).contiguous(), screen_gradient.contiguous()
         double, numbers = gradients.dtype == torch.float64, poses.detach().double().contiguous()
         grad_poses = torch.empty_like(numbers)

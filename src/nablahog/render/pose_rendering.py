@@ -7,7 +7,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from .camera import Camera, pose_jacobian, pose_vjp
 
@@ -34,8 +33,8 @@ class PoseRendering(torch.autograd.Function):
         ctx.camera = inputs[3]
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, grad_image: Tensor | None, _: None) -> tuple[Tensor | None, None, None, None, None]:
+        _refuse(ctx.needs_input_grad[1])
         if grad_image is None:
             return None, None, None, None, None
         poses, screen_gradient = ctx.saved_tensors
@@ -43,8 +42,8 @@ class PoseRendering(torch.autograd.Function):
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor | None, *_: Any) -> tuple[Tensor, None]:
-        if tangent is None:  # an outer transform's, by the background; PyTorch would end in an internal error
-            raise NotImplementedError("images differentiated by poses cannot be differentiated by the background too")
+        _refuse(tangent is None)
+        assert tangent is not None
         poses, screen_gradient = ctx.saved_tensors
         jacobian = pose_jacobian(screen_gradient, poses, ctx.camera)
         return torch.einsum("bk,bkhw->bhw", tangent.to(jacobian), jacobian), None
@@ -53,3 +52,9 @@ class PoseRendering(torch.autograd.Function):
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
         # jacfwd maps over tangents; poses cannot be mapped over, because their numbers are read
         return PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]
+
+
+def _refuse(by_background: bool) -> None:
+    """Refuses an outer derivative, by the background, of which the inner one, by poses, did not know."""
+    if by_background:
+        raise NotImplementedError("an image that is differentiated by poses cannot be by the background around that")

@@ -17,6 +17,7 @@ from ..inputs.numbers import as_integer, as_number, check_choice, check_type
 from ..inputs.tensors import check_device, check_shape, check_values
 from ..runtime.pytorch import run_in_threads
 from .camera import Camera, check_camera, check_poses
+from .differentiated_once import DifferentiatedOnce
 from .mesh import Mesh, check_mesh
 from .pipeline import render_torch
 from .pose_rendering import PoseRendering
@@ -136,9 +137,11 @@ class Renderer:
             brightness = corner_brightness(mesh, self._groups, self.light) if by_mesh else self._brightness
             view = poses.double(), self.camera, behind
             image = render_torch(mesh, brightness, self.edges, *view, self.supersampling, self.method)
-            return image - (image - image.clamp(0, 1)).detach()  # the derivative stays
-        inputs = poses.double(), behind, self.render, self.camera, is_differentiated(poses)
-        return PoseRendering.apply(*inputs)[0][:, None]  # type: ignore[no-any-return, no-untyped-call]
+            image = image - (image - image.clamp(0, 1)).detach()  # the derivative stays
+        else:
+            inputs = poses.double(), behind, self.render, self.camera, is_differentiated(poses)
+            image = PoseRendering.apply(*inputs)[0][:, None]  # type: ignore[no-untyped-call]
+        return DifferentiatedOnce.apply(image, poses, mesh.vertices, mesh.brightness, behind)  # type: ignore[no-any-return, no-untyped-call]
 
     def render(self, poses: Tensor, background: float | Tensor = 1.0, *, derivative: bool) -> Rendering:
         """Images, and on request the screen gradient, which :func:`.pose_vjp` and :func:`.pose_jacobian` take.
