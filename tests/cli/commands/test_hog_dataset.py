@@ -163,14 +163,14 @@ def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
     ("files", "url", "found"),
     [
         (["a b.png"], "file://{}/a%20b.png", ["a b.png"]),
-        (["a b.png"], "file://localhost{}/a%20b.png", ["a b.png"]),
+        (["a[1].png"], "file://localhost{}/a%5B1%5D.png", ["a[1].png"]),
         (["a b.png", "a%20b.png"], "file://{}/a%20b.png", ["a%20b.png"]),
         (["a b1.png", "a b2.png"], "file://{}/a%20b*.png", ["a b1.png", "a b2.png"]),
         (["a b1.png", "a%20b2.png"], "file://{}/a%20b*.png", ["a%20b2.png"]),
         ([], "file://{}/a%20b.png", ["a%20b.png"]),
     ],
 )
-def test_a_url_with_blanks(tmp_path: Path, files: list[str], url: str, found: list[str]) -> None:
+def test_a_url_with_escapes(tmp_path: Path, files: list[str], url: str, found: list[str]) -> None:
     """Its path is decoded if only then there is a file."""
     for name in files:
         (tmp_path / name).touch()

@@ -93,6 +93,7 @@ def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], option
     torch.testing.assert_close(a, b, rtol=0, atol=2 / 255)
 
 
+@pytest.mark.slow
 def test_a_prior_travels(tmp_path: Path, photo: str, sent: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers read their copy of its file."""
     asked, copy = (write_prior(tmp_path / f"{value}.npz", presets.uoctti(8), value=value) for value in (0.1, 0.01))
