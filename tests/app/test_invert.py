@@ -7,6 +7,7 @@ import io
 import json
 import threading
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from nablahog.app.store import Store, requested_descriptor
 from nablahog.app.uploads import store_photograph
 from nablahog.app.work_queue import Cancelled, CancelToken
 from nablahog.invert import Reconstruction
+from nablahog.invert.prior import choice
 from nablahog.requests.sources import from_photo
 
 from .conftest import documented_fields, npy
@@ -79,6 +81,16 @@ def test_going_on(client: TestClient, photo: str) -> None:
     assert again[0] == "done"
     name, refused = events(client, photo=photo, start="sample-camera")[-1]
     assert (name, refused["error"]) == ("error", "an image to continue from must have 64x48 pixels, got 512x512")
+
+
+def test_without_the_priors_of_the_package(
+    client: TestClient, photo: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As without a prior."""
+    without = events(client, photo=photo, size=24, prior="none")[-1][1]
+    monkeypatch.setattr(choice, "PRIOR_FOLDER", tmp_path)
+    name, done = events(client, photo=photo, size=24)[-1]
+    assert (name, done.get("image")) == ("done", without["image"])
 
 
 def test_a_descriptor_alone(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:

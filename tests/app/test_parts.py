@@ -18,7 +18,7 @@ import torch
 from nablahog.app import server
 from nablahog.app import store as store_module
 from nablahog.app.chart import SimilarityChart
-from nablahog.app.messages import RequestError
+from nablahog.app.messages import RequestError, as_request_error
 from nablahog.app.snippets import FitFiles, write_pose_snippets
 from nablahog.app.store import MeshEntry, Photograph, Store
 from nablahog.app.work_queue import Cancelled, CancelToken, WorkQueue
@@ -27,6 +27,7 @@ from nablahog.pose.model import prepared_model
 from nablahog.pose.symmetry import view_correlations
 from nablahog.render import load_mesh
 from nablahog.requests.pose import PoseRequest
+from nablahog.runtime.errors import InputError
 
 TETRAHEDRON = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
@@ -85,6 +86,12 @@ def test_a_size_of_a_photograph_is_computed_once(monkeypatch: pytest.MonkeyPatch
     assert computed == [8, 9, 10, 11, 12, 9]
 
 
+def test_of_a_file_of_which_nothing_is_known_nothing_is_asked() -> None:
+    with pytest.raises(RequestError) as refused, as_request_error():
+        raise InputError("too small", "descriptor")
+    assert refused.value.answer == {"error": "too small"}
+
+
 def test_ids_of_one_server_say_nothing_of_another() -> None:
     assert Store(b"a").add(photograph(2), b"x") != Store(b"b").add(photograph(2), b"x")
 
@@ -139,6 +146,17 @@ def test_the_width_of_a_chart(asked: int, width: int) -> None:
     chart = SimilarityChart()
     chart.move((30.0, 20.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.0, asked)
     assert f'width="{width}"' in chart.draw()["svg"]
+
+
+def test_a_curve_before_any_pose() -> None:
+    """It is that of the pose that is shown, and nothing is said of a similarity here."""
+    chart = SimilarityChart()
+    chart.begin_curve((0.0, 20.0, 3.0, 0.0, 0.0, 0.0))
+    chart.add_to_curve(90, torch.tensor([1.0, 0.5]), torch.zeros(2))
+    drawn = chart.draw()
+    assert drawn["description"] == "Similarity over all azimuths: the largest is 1.000 at 180°"
+    assert 'class="l-curve"' in drawn["svg"]
+    assert "nan" not in drawn["svg"]
 
 
 def test_a_chart_shows_the_newest_steps() -> None:

@@ -57,8 +57,9 @@ def test_a_cell_by_name(client: TestClient, photo: str) -> None:
     cell = client.get(f"/api/hog/{said['key']}/cell?row=3&col=2").json()
     assert cell["box"] == [16, 24, 24, 32]
     assert (cell["block"]["box"][2] - cell["block"]["box"][0], len(cell["entries"])) == (16, 36)
-    around = client.post("/api/hog", json={"photo": photo, "preset": "uoctti"}).json()["key"]
-    assert client.get(f"/api/hog/{around}/cell?row=3&col=2").json()["block"]["box"] == [8, 16, 32, 40]
+    for preset, around in (("uoctti", [8, 16, 32, 40]), ("paper", [0, 0, 48, 64])):
+        key = client.post("/api/hog", json={"photo": photo, "preset": preset}).json()["key"]
+        assert client.get(f"/api/hog/{key}/cell?row=3&col=2").json()["block"]["box"] == around
     assert cell["entries"][0]["name"] == "cell 0, 0 of the block: 10°"
     assert len(cell["histogram"]) == len(cell["angles"]) == 9
 

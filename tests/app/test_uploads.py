@@ -22,6 +22,7 @@ from nablahog.app import server, uploads
 from .conftest import npy, npz
 
 CUBE = b"OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+NO_NUMBERS = npy(np.full((4, 4, 31), np.nan, np.float32))
 
 
 def test_a_photograph(client: TestClient, photo_file: bytes) -> None:
@@ -167,6 +168,8 @@ def test_a_mesh(client: TestClient) -> None:
         ("descriptors?name=d.pdf", b"x", 422, "d.pdf: expected a descriptor (.npy, .npz, .mat) or a detector"),
         ("descriptors?name=d.pkl", b"x", 422, "d.pkl: a pickle is never loaded"),
         ("descriptors?name=d.npy&preset=uoctti", b"x", 422, "d.npy: expected an array (.npy), but it cannot be read"),
+        ("descriptors?name=w.npy&as=template&preset=uoctti", NO_NUMBERS, 422, "w.npy: the weights must be finite"),
+        ("descriptors?name=w.npy&as=template", NO_NUMBERS, 422, "w.npy: the weights must be finite"),
         ("descriptors?name=d.npy&settings=%7B", b"x", 400, "expected JSON: "),
         ("hog", [], 422, "the request does not fit: Expected `object`"),
         ("hog", {}, 422, "expected a photo or a descriptor, got neither"),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from nablahog.paper import table1_page
-from nablahog.paper.methods import METHODS
+from nablahog.paper import table1, table1_page
+from nablahog.paper.methods import METHODS, Table1Settings
 
 from .common import made, photographs, write_prior
 from .fakes import BRIGHT, DARK, MISTAKEN
@@ -46,6 +47,19 @@ def test_mi_has_no_mean_over_images_of_several_sizes(tmp_path: Path, calls: list
     assert {line.statistics["mi"].n for line in table.table_rows()} == {2 if turned else 0}
     assert ["MI" in remark for remark in table1_page.remarks([], {}, some)] == [True] * (not turned)
     assert None not in [figures["mi"] for figures in table.figures["uoctti-single"].values()]
+
+
+@pytest.mark.parametrize(("size", "described"), [(3, 0), (4, 1)])
+def test_pictures_of_some_images(
+    tmp_path: Path, calls: list[str], monkeypatch: pytest.MonkeyPatch, size: int, described: int
+) -> None:
+    """Without glyphs of one that is smaller than a cell."""
+    monkeypatch.setattr(table1, "SHOWN", 1)
+    method = replace(BRIGHT, spec=METHODS["uoctti-single"].spec)
+    page = table1_page.page(made(tmp_path, photographs(2, size), method), Table1Settings(), "Squares.")
+    assert "1 of the 2 images, evenly spread" in page
+    counts = [page.count(f'alt="{seen}') for seen in ("The image", "Strokes along the edges", "What uoctti-single")]
+    assert counts == [1, described, 1]
 
 
 @pytest.mark.parametrize(("size", "left_out"), [(4, ["SSIM"]), (32, [])])

@@ -11,7 +11,7 @@ import pytest
 from nablahog.jobs import store
 from nablahog.jobs.store import JobResult
 from nablahog.jobs.worker import attempt
-from nablahog.paper.pose_methods import POSE_METHODS, PoseMethod, Table2Settings
+from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
 from nablahog.paper.scenes import CHAIRS
 from nablahog.paper.table2 import PoseJob, Table2, run_table2
 from nablahog.render.models import Model
@@ -65,6 +65,17 @@ def test_a_pose(tmp_path: Path) -> None:
     assert output is not None
     assert output.figures == result.figures
     assert np.array_equal(output.pictures, result.pictures)
+
+
+def test_a_method_is_prepared_with_the_same_problem_first() -> None:
+    asked: list[tuple[PoseInput, Table2Settings]] = []
+
+    def run(problem: PoseInput, settings: Table2Settings) -> PoseOutcome:
+        assert asked == [(problem, settings)]
+        return NEAR.run(problem, settings)
+
+    prepared = _job(replace(NEAR, run=run, prepare=lambda *about: asked.append(about)), seed=3)
+    assert isinstance(attempt(prepared), JobResult)
 
 
 def test_reasons() -> None:

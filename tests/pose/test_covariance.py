@@ -169,6 +169,7 @@ def test_units_of_the_file() -> None:
     assert_close(one.covariance_in_file_units[2, 2], 1300**2 * one.covariance[2, 2])
     assert_close(one.covariance_in_file_units[2, 4], 1300 * one.covariance[2, 4])
     assert_close(one.covariance_in_file_units[0, 4], one.covariance[0, 4])
+    assert replace(one, covariance=None).covariance_in_file_units is None
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from nablahog import HOGSpec, presets
 from nablahog.paper.scenes import Scene, SceneSettings, scene
-from nablahog.pose import estimate_pose
+from nablahog.pose import estimate_pose, viewpoint_prior
 from nablahog.pose.background import FINE_CELL, pose_spec
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
@@ -26,6 +26,7 @@ from nablahog.pose.viewpoint_prior import (
     ViewpointLearning,
     ViewpointNetwork,
     ViewpointPrior,
+    choose_viewpoints,
     default_viewpoints,
     mirror_descriptors,
 )
@@ -141,6 +142,14 @@ def test_the_default_prior_sees_from_which_side_unseen_chairs_are_seen() -> None
 
 def test_what_it_has_learned_from_is_said_in_a_line() -> None:
     assert re.fullmatch(r"\d+ scenes, \d+ epochs, last loss \d\.\d{4}", default_viewpoints().summary)
+
+
+def test_choices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    prior = default_viewpoints()
+    assert choose_viewpoints(prior) is choose_viewpoints("default") is prior
+    assert choose_viewpoints(None) is None
+    monkeypatch.setattr(viewpoint_prior, "STORED_VIEWPOINTS", tmp_path / "chairs.npz")
+    assert choose_viewpoints("default") is None
 
 
 def test_another_choice_is_refused() -> None:

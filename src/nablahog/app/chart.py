@@ -72,9 +72,10 @@ class SimilarityChart:
 
     def _describe(self) -> str:
         similarities = self._curve[0]
-        here = f"here {self._here[0]:.3f} at {self._pose[0]:.0f}°"
-        if np.isnan(similarities).all():
-            return f"Similarity over all azimuths: {here}"
-        best = int(np.nanargmax(similarities))
-        largest = f"the largest is {similarities[best]:.3f} at {360 * best / AZIMUTHS:.0f}°"
-        return f"Similarity over all azimuths: {largest}, {here}"
+        parts = []
+        if not np.isnan(similarities).all():
+            best = int(np.nanargmax(similarities))
+            parts.append(f"the largest is {similarities[best]:.3f} at {360 * best / AZIMUTHS:.0f}°")
+        if math.isfinite(self._here[0]):
+            parts.append(f"here {self._here[0]:.3f} at {self._pose[0]:.0f}°")
+        return f"Similarity over all azimuths: {', '.join(parts)}"

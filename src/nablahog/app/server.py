@@ -44,7 +44,7 @@ from .messages import (
 )
 from .socket import FitSocket
 from .store import DescriptorEntry, MeshEntry, Photograph, Store, requested_descriptor
-from .work_queue import Cancelled, CancelToken, WorkQueue
+from .work_queue import CancelToken, WorkQueue
 
 STATIC = Path(__file__).with_name("static")
 SHARED = ("wipe.js", "wipe.css")  # with the pages that commands write
@@ -175,8 +175,6 @@ class Server:
             async with aclosing(self.long.stream(search, lambda event: event[0] == "frame")) as events:
                 async for event in events:
                     yield _encode_event(*event)
-        except Cancelled:
-            pass
         except Exception as error:
             yield _encode_event("error", as_answer(error).answer)
 
@@ -203,7 +201,7 @@ async def _while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
     finally:
         task.cancel()
         gone.cancel()
-        with suppress(asyncio.CancelledError, Cancelled, RequestError):
+        with suppress(asyncio.CancelledError, RequestError):
             await task
 
 
@@ -229,7 +227,7 @@ def _with_json_errors(handler: Handler) -> Handler:
         try:
             await request.app.state.server.ready()
             return await handler(request)
-        except (ClientDisconnect, Cancelled):
+        except ClientDisconnect:
             return Response(status_code=499)  # nobody reads it
         except HTTPException:
             raise

@@ -14,7 +14,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from .fit import Fitting
 from .messages import Curve, Fit, Open, RequestError, Stop, Turn, as_answer, decode_fit_message
 from .store import Store
-from .work_queue import Cancelled, CancelToken, WorkQueue
+from .work_queue import CancelToken, WorkQueue
 
 MOST_MESSAGE_CHARACTERS = 2**14  # of a message
 
@@ -99,8 +99,6 @@ class FitSocket:
     async def _with_errors(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
-        except Cancelled:
-            pass
         except WebSocketDisconnect:
             raise
         except Exception as error:

@@ -51,6 +51,8 @@ def read_templates(path: Readable, request: GlyphRequest) -> list[Source]:
         ]
     array = read_array(file, request.key)
     with naming(file), suggesting(array, request):
+        if not np.isfinite(array).all():
+            raise ValueError("the weights must be finite, got NaN or Inf")
         return [_from_array(file.name, array, request)]
 
 

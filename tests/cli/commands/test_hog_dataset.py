@@ -159,6 +159,35 @@ def test_lists_patterns_and_urls(photos: Path, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("files", "url", "found"),
+    [
+        (["a b.png"], "file://{}/a%20b.png", ["a b.png"]),
+        (["a[1].png"], "file://localhost{}/a%5B1%5D.png", ["a[1].png"]),
+        (["a b.png", "a%20b.png"], "file://{}/a%20b.png", ["a%20b.png"]),
+        (["a b1.png", "a b2.png"], "file://{}/a%20b*.png", ["a b1.png", "a b2.png"]),
+        (["a b1.png", "a%20b2.png"], "file://{}/a%20b*.png", ["a%20b2.png"]),
+        ([], "file://{}/a%20b.png", ["a%20b.png"]),
+    ],
+)
+def test_a_url_with_escapes(tmp_path: Path, files: list[str], url: str, found: list[str]) -> None:
+    """Its path is decoded if only then there is a file."""
+    for name in files:
+        (tmp_path / name).touch()
+    images, _ = list_images(Namespace(inputs=[url.format(tmp_path)], output="x.parquet", command="hog"))
+    assert [image.path.rpartition("/")[2] for image in images] == found
+
+
+@pytest.mark.parametrize("readable", [True, False])
+def test_the_state_of_a_file_that_may_not_be_read_is_unknown(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, readable: bool
+) -> None:
+    """So that its image is described when it may be."""
+    monkeypatch.setattr("os.access", lambda path, mode: readable)
+    [image], _ = list_images(Namespace(inputs=[str(photos / "0.png")], output="x.parquet", command="hog"))
+    assert [image.bytes is None, image.version is None] == [not readable] * 2
+
+
 def test_what_stands_for_no_image_is_skipped(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """In a list as on the command line; a file that is missing has a row."""
     (tmp_path / "list.txt").write_text(f"{photos / '*.jpg'}\n{photos / '0.png'}\n{photos / 'gone.png'}\n")

@@ -15,14 +15,15 @@ from PIL import Image
 import nablahog
 from nablahog import hog, presets
 from nablahog.cli import terminal
-from nablahog.cli.commands import demo
+from nablahog.cli.commands import demo, invert
 from nablahog.cli.main import main
+from nablahog.cli.results import inversion_page
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.invert import template
 from nablahog.io.images import read_image
 from tests.io.dpm_models import written
 
-from ..common import SMALL, names
+from ..common import FAST, SMALL, names
 
 
 def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,6 +46,22 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     known, unknown, _ = results
     assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim", "psnr"))
     assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is unknown["psnr"] is None
+
+
+@pytest.mark.parametrize("most", [2, 3])
+def test_of_many_inputs_the_first_are_shown(
+    tmp_path: Path, images: str, most: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(invert, "LINES", most)
+    monkeypatch.setattr(inversion_page, "SHOWN_INPUTS", most)
+    out = tmp_path / "out"
+    assert main(["invert", images, "-o", str(out), *FAST, "--size", "24"]) == 0
+    printed, page = capsys.readouterr().out, (out / "index.html").read_text()
+    assert re.findall("and (.+) more in", printed) == (["1"] if most == 2 else [])
+    assert ("The pictures of 2 of 3 are below." in page) == (most == 2)
+    assert [result["input"] for result in json.loads((out / "results.json").read_text())] == [
+        f"{images}/{k}.png" for k in range(3)
+    ]
 
 
 def test_progress(

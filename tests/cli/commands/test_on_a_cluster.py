@@ -14,7 +14,8 @@ import pytest
 import torch
 from PIL import Image
 
-from nablahog import save_descriptor
+from nablahog import presets, save_descriptor
+from nablahog.cli.commands import invert
 from nablahog.cli.main import main
 from nablahog.io.descriptor_dataset import DescriptorDataset
 from nablahog.io.images import read_image
@@ -22,7 +23,7 @@ from nablahog.jobs import runner
 from nablahog.jobs.worker import Work
 from nablahog.pose.whitening import Background
 
-from ...paper.common import ThisProcess, run_in_this_process
+from ...paper.common import ThisProcess, run_in_this_process, write_prior
 from ..common import FAST, SMALL, names
 
 OTHER = ["--cluster", "tcp://of-these-tests:1"]
@@ -90,6 +91,22 @@ def test_all_pictures_travel(tmp_path: Path, photo: str, sent: list[Any], option
     assert names(tmp_path / "one") == [name for name in names(tmp_path / "other") if name != "work"]
     a, b = (read_image(tmp_path / folder / "cat_preimage.png") for folder in ("one", "other"))
     torch.testing.assert_close(a, b, rtol=0, atol=2 / 255)
+
+
+@pytest.mark.slow
+def test_a_prior_travels(tmp_path: Path, photo: str, sent: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers read their copy of its file."""
+    asked, copy = (write_prior(tmp_path / f"{value}.npz", presets.uoctti(8), value=value) for value in (0.1, 0.01))
+    command = ["invert", photo, "--quality", "fast", "--size", "24"]
+    made = [tmp_path / name for name in ("of-asked", "of-copy", "cluster")]
+    assert main([*command, "--prior", str(asked), "-o", str(made[0])]) == 0
+    assert main([*command, "--prior", str(copy), "-o", str(made[1])]) == 0
+    monkeypatch.setattr(invert, "local_path", {asked: copy}.get)
+    assert main([*command, "--prior", str(asked), "-o", str(made[2]), *OTHER]) == 0
+    assert [path for job in sent for path in job.files()] == [asked]
+    of_asked, of_copy, by_cluster = (_figures(folder)[0]["distance"] for folder in made)
+    assert by_cluster == pytest.approx(of_copy, rel=1e-3)
+    assert of_asked != pytest.approx(of_copy, rel=0.1)
 
 
 @pytest.mark.parametrize("options", [["--template"], ["--device", "cuda"]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,14 @@ from PIL import Image
 from torch import Tensor
 
 from nablahog.cli.main import main
+from nablahog.jobs import runner
 from nablahog.paper import table2
 from nablahog.paper.examples import CONDITIONS
 from nablahog.paper.pose_methods import POSE_METHODS, PoseInput, PoseMethod, PoseOutcome, Table2Settings
+from nablahog.paper.table2 import PoseJob
 
 from ...paper import test_pascal3d
+from ...paper.common import ThisProcess
 from ..common import TETRAHEDRON, names
 
 TABLES = ["failures.csv", "index.html", "per_object.csv", "summary.csv", "work"]
@@ -96,6 +100,22 @@ def test_models_and_viewpoints_of_mine(tmp_path: Path, models: str, capsys: pyte
     for row in _rows(tmp_path / "out" / "per_object.csv"):
         assert row["found_model"] == ",".join(sorted({*"abc"} - {row["model"]}))
         assert (row["true_azimuth"], row["true_elevation"]) in (("10.0", "5.0"), ("200.0", "6.0"))
+
+
+def test_on_a_cluster(tmp_path: Path, models: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Workers get the files of the models, and find the folder that they share."""
+    out, files, shared = tmp_path / "out", [tmp_path], []
+
+    def begin(job: PoseJob) -> None:
+        files[:] = job.files()
+        shared.append((out / "exemplars").is_dir())
+
+    monkeypatch.setattr(runner, "open_executor", lambda *_: nullcontext(ThisProcess(begin)))
+    command = ["table2", "-o", str(out), "--models", models, "--objects", "1", "--methods", "paper", "--unknown-model"]
+    for _ in range(2):  # the second time nothing is left to do
+        assert main([*command, *NONE, "--cluster", "tcp://of-these-tests:1"]) == 0
+    assert [path.name for path in files] == ["a.off", "b.off"]  # it is a scene of the third
+    assert shared == [True]
 
 
 voc_and_pascal3d = test_pascal3d.published

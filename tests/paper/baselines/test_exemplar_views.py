@@ -62,6 +62,10 @@ def test_viewpoints_of_the_released_code() -> None:
     assert (poses[:, 2] == 2).all()
 
 
+def test_what_they_are_is_said_in_a_line(views: ExemplarViews) -> None:
+    assert repr(views) == f"<ExemplarViews: 2 views, {len(views.scale)} elements>"
+
+
 @pytest.mark.slow
 def test_elements_are_patches_of_renderings(mesh: Mesh, views: ExemplarViews, background: Background) -> None:
     camera = Camera(learning.FOCAL, learning.RENDERING_SIDE, learning.RENDERING_SIDE)
