@@ -137,7 +137,7 @@ def test_second_derivatives_are_refused() -> None:
             lambda: jvp(function, (value,), (direction,)),  # noqa: B023
             lambda: grad(lambda x: function(x).sum())(value),  # noqa: B023
         ):
-            with pytest.raises(NotImplementedError, match="differentiated once"):
+            with pytest.raises(NotImplementedError, match="differentiated"):
                 twice()
     _, product = jvp(lambda behind: by_background(AT, behind), (behind,), (behind,))
     step = 0.01 * behind

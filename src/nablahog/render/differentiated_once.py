@@ -28,22 +28,22 @@ class DifferentiatedOnce(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad: Tensor | None) -> tuple[Tensor | None, ...]:
-        return _derivative(grad, ctx.saved_tensors, any(ctx.needs_input_grad[1:3])), None, None, None, None
+        return _first_derivative(grad, ctx.saved_tensors, any(ctx.needs_input_grad[1:3])), None, None, None, None
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor | None, *of_inputs: Tensor | None) -> Tensor | None:
         moved = any(each is not None for each in of_inputs[:2])
-        return _derivative(tangent, ctx.saved_tensors, moved)
+        return _first_derivative(tangent, ctx.saved_tensors, moved)
 
 
-def _derivative(values: Tensor | None, inputs: tuple[Tensor, ...], moved: bool) -> Tensor | None:
-    """A derivative, by poses or vertices if the image ``moved``, with what it cannot be differentiated by."""
+def _first_derivative(values: Tensor | None, inputs: tuple[Tensor, ...], moved: bool) -> Tensor | None:
+    """A derivative, by poses or vertices if the image ``moved``, which knows what it cannot be differentiated by."""
     if values is None:
         return None
-    return _Derivative.apply(values, *(inputs if moved else inputs[:2]))  # type: ignore[no-any-return, no-untyped-call]
+    return _FirstDerivative.apply(values, *(inputs if moved else inputs[:2]))  # type: ignore[no-any-return, no-untyped-call]
 
 
-class _Derivative(torch.autograd.Function):
+class _FirstDerivative(torch.autograd.Function):
     """A derivative of an image, linear in what it was multiplied by."""
 
     generate_vmap_rule = True

@@ -111,9 +111,9 @@ class Renderer:
         """Images of the mesh.
 
         Differentiable in ``poses``, the mesh's vertices and brightness, and ``background``, in reverse and forward
-        mode, and by the transforms of ``torch.func``.
+        mode, and by the transforms of ``torch.func``: once, but by the brightness and the background again.
 
-        Where only poses are differentiated, this is :meth:`render` in float32, which can be differentiated once;
+        Where only poses are differentiated, this is :meth:`render` in float32;
         otherwise PyTorch, :func:`.pipeline.render_torch`.  Images agree up to rounding, derivatives by poses up to one
         or two percent with ``"edges"``: the former moves a whole pixel as the surface in its middle.
 
@@ -126,6 +126,7 @@ class Renderer:
 
         Raises:
             ValueError: ``poses`` is no finite (B, 6) tensor with distances above 0, or ``background`` is not as above.
+            NotImplementedError: from a second derivative by poses or vertices, or by these and another input.
         """
         check_poses(poses)
         check_device("poses", poses, "mesh.vertices", self.mesh.vertices)
