@@ -78,7 +78,7 @@ HEADINGS = {  # of the page, before the definitions
 def test_all_is_defined(
     tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of two photographs, and a file that is none."""
+    """Of two photographs, and a file that is none; lines of progress and the page's headings are the command's."""
     monkeypatch.setattr(terminal, "FIRST_LINE", 0.0)
     photographs, out = tmp_path / "photographs", tmp_path / "out"
     photographs.mkdir()
