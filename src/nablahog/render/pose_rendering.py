@@ -10,6 +10,9 @@ from torch import Tensor
 
 from .camera import Camera, pose_jacobian, pose_vjp
 
+# of nested derivatives, the inner one chooses how to render
+_BY_BACKGROUND = "an image differentiated by poses cannot be differentiated by the background in an outer derivative"
+
 
 class PoseRendering(torch.autograd.Function):
     """Poses (B, 6) and a background to images (B, H, W) and their screen gradient.
@@ -34,7 +37,8 @@ class PoseRendering(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, grad_image: Tensor | None, _: None) -> tuple[Tensor | None, None, None, None, None]:
-        _refuse(ctx.needs_input_grad[1])
+        if ctx.needs_input_grad[1]:
+            raise NotImplementedError(_BY_BACKGROUND)
         if grad_image is None:
             return None, None, None, None, None
         poses, screen_gradient = ctx.saved_tensors
@@ -42,8 +46,8 @@ class PoseRendering(torch.autograd.Function):
 
     @staticmethod
     def jvp(ctx: Any, tangent: Tensor | None, *_: Any) -> tuple[Tensor, None]:
-        _refuse(tangent is None)
-        assert tangent is not None
+        if tangent is None:
+            raise NotImplementedError(_BY_BACKGROUND)
         poses, screen_gradient = ctx.saved_tensors
         jacobian = pose_jacobian(screen_gradient, poses, ctx.camera)
         return torch.einsum("bk,bkhw->bhw", tangent.to(jacobian), jacobian), None
@@ -52,9 +56,3 @@ class PoseRendering(torch.autograd.Function):
     def vmap(info: Any, in_dims: Any, *inputs: Any) -> tuple[tuple[Tensor, Tensor], tuple[None, None]]:
         # jacfwd maps over tangents; poses cannot be mapped over, because their numbers are read
         return PoseRendering.apply(*inputs), (None, None)  # type: ignore[no-untyped-call]
-
-
-def _refuse(by_background: bool) -> None:
-    """Refuses an outer derivative, by the background, of which the inner one, by poses, did not know."""
-    if by_background:
-        raise NotImplementedError("an image that is differentiated by poses cannot be by the background around that")
