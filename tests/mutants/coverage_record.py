@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import itertools
 import json
 import re
 from collections.abc import Iterable, Iterator
@@ -86,27 +87,31 @@ class Record:
         return sum(self.seconds[test] for test in tests)
 
     def tests(self, file: Path, line: int, most_seconds: float) -> list[str]:
-        """Returns the tests that execute a line, the quickest first, for so many seconds.
+        """Returns the tests that execute a line, quick ones first, for so many seconds.
 
         For a line that an import runs, those that execute any function of the file, and those of its room; for a line
-        of C++, those that execute a line of Python that calls a function of a library built from the file.
+        of C++, those that execute a line of Python that calls a function of a library built from the file.  For a line
+        of Python, those of its room come first, for half of the seconds.
         """
+        of_room = self._room_tests(file)
         if file.suffix != ".py":
             names = {test for place in find_calls(self.checkout, file) for test in self._executing(*place)}
-        elif is_in_function(self.checkout.path(file).read_bytes(), line):
+            return self._quickest(names or of_room, most_seconds)
+        if is_in_function(self.checkout.path(file).read_bytes(), line):
             names = self._executing(file, line)
         else:  # whatever test first needs a module imports it
-            names = self._executing(file) | self._room_tests(file)
-        names = names or self._room_tests(file)  # that start processes, which coverage.py does not see
+            names = self._executing(file) | of_room
+        names = names or of_room  # that start processes, which coverage.py does not see
+        first = self._quickest(names & of_room, most_seconds / 2)
+        return first + self._quickest(names - {*first}, most_seconds - self.sum_seconds(first))
+
+    def _quickest(self, names: set[str], most_seconds: float) -> list[str]:
+        """Those of some tests that are done in so many seconds, and one if there is any."""
         ordered = sorted(names, key=self.seconds.__getitem__)
-        total = 0.0
-        wanted: list[str] = []
-        for test in ordered:
-            total += self.seconds[test]
-            if total > most_seconds and wanted:
-                break
-            wanted.append(test)
-        return wanted
+        totals = itertools.accumulate(map(self.seconds.__getitem__, ordered))
+        return [
+            test for k, (test, total) in enumerate(zip(ordered, totals, strict=True)) if not k or total <= most_seconds
+        ]
 
     def _executing(self, file: Path, line: int | None = None) -> set[str]:
         """The tests that execute a line of Python, or any line of a file."""
