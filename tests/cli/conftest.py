@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from functools import partial
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,15 @@ from .common import CHELSEA
 def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine may take longer than a test expects, and stderr has lines of progress then."""
     monkeypatch.setattr(terminal, "FIRST_LINE", math.inf)
+
+
+@pytest.fixture(autouse=True)
+def no_dead_links(tmp_path: Path) -> Iterator[None]:
+    """Whatever page a test leaves leads to pages that are there."""
+    yield
+    for page in tmp_path.rglob("*.html"):
+        for link in re.findall('href="(?!data:|#)(.+?)"', page.read_text(encoding="utf-8")):
+            assert (page.parent / unescape(link)).is_file(), f"{page} leads to {link}"
 
 
 @pytest.fixture

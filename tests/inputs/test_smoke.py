@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 from scipy.sparse import coo_array
 
-from nablahog.inputs.arrays import as_array, as_mask, as_tensor
+from nablahog.inputs.arrays import advise_on_levels, as_array, as_mask, as_tensor
 from nablahog.inputs.batches import as_batch
 from nablahog.inputs.boxes import as_box
 from nablahog.inputs.cameras import as_camera, as_view
@@ -69,6 +69,17 @@ def test_limits(name: str) -> None:
     for value in refused:
         with pytest.raises(ValueError, match=r"must (be|have)|expected levels in"):
             read(value)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, 4), (3, 80, 90), (1, 5, 2000)])
+@pytest.mark.parametrize(
+    ("level", "far"), [(2, False), (2.01, True), (-0.5, False), (-0.51, True), (255, True), (-np.inf, False)]
+)
+def test_levels_far_beyond_those_of_images(shape: tuple[int, ...], level: float, far: bool) -> None:
+    """As filters overshoot, or are those of 0…255 or -1…1; of large images, of which some pixels are looked at, too."""
+    image = torch.full(shape, 0.5)
+    image[:, 1:, 1:] = level
+    assert bool(advise_on_levels(image)) == far
 
 
 def test_arrays() -> None:

@@ -14,7 +14,7 @@ from scipy.io import savemat
 
 import nablahog
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.io.arrays import is_archive, is_raw, read_array
+from nablahog.io.arrays import is_archive, is_raw, read_array, refuse_pickle
 from nablahog.io.camera_file import read_camera_file
 from nablahog.io.dpm_file import load_dpm
 from nablahog.io.images import longer_side, read_exif_focal, read_image
@@ -22,6 +22,8 @@ from nablahog.io.input_file import InputFile
 from nablahog.io.lists import read_objects
 from nablahog.io.matfile import read_mat
 from nablahog.pose.whitening import Background
+from nablahog.requests.inversion import GlyphRequest
+from nablahog.requests.templates import read_templates
 
 SPEC = nablahog.presets.uoctti()
 
@@ -83,6 +85,8 @@ READERS: dict[str, Callable[[Any], Any]] = {
     "a.csv": read_objects,
     "camera.json": read_camera_file,
     "a.off": nablahog.load_mesh,
+    "a.pkl": refuse_pickle,
+    "weights": lambda file: read_templates(file, GlyphRequest()),
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +241,14 @@ def test_a_filter_that_is_used_too_often(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(dpm_file, "MAX_WEIGHTS", 4351)
     with pytest.raises(ValueError, match="its components have more than 4,351 weights"):
         load_dpm(tmp_path / "toy.mat")
+
+
+def test_the_longest_filter(tmp_path: Path) -> None:
+    for rows, refused in ((1000, False), (1001, True)):
+        blocks = structs([{"w": np.ones(rows * 32), "shape": np.array([rows, 1, 32])}] * 3)
+        path = written(tmp_path / "long.mat", blocks=blocks, **_of([3], (0, 0, 0)))
+        with pytest.raises(ValueError, match="a filter has the shape") if refused else nullcontext():
+            assert load_dpm(path).filters[0].weights.shape == (rows, 1, 32)
 
 
 @pytest.mark.parametrize("name", WRONG)

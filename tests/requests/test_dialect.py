@@ -126,6 +126,8 @@ def test_any_small_value_is_a_spec_or_a_sentence(name: str) -> None:
         (Dialect("uoctti", {"vote": "hard"}), presets.uoctti(), "vote"),
         (Dialect("dlib"), presets.dpm(), "name"),
         (Dialect("paper"), presets.paper(bins=6), "bins"),
+        (Dialect(settings={"cell_size": "6"}), presets.vlfeat(cell_size=6), None),  # of whatever preset the file is
+        (Dialect(settings={"cell_size": "6"}), presets.vlfeat(), "cell_size"),
     ],
 )
 def test_descriptor_files_and_options(dialect: Dialect, spec: HOGSpec, differing: str | None) -> None:

@@ -36,6 +36,8 @@ TEXTS = {
     "x0,y0,x1,y1": "1.5,2,30,40",
 }
 """A text of each kind of values."""
+NOT_AS_IT_IS = {"image_size", "prior", "mask"}
+"""Options of which the functions get what is read by them: of a descriptor, a prior and an image."""
 
 
 def other(option: Option) -> Any:
@@ -128,6 +130,7 @@ def test_a_focal_length_is_in_pixels() -> None:
 def test_keywords_are_those_of_the_function(request_type: type, function: Callable[..., Any]) -> None:
     parameters = inspect.signature(function).parameters
     for each in list_options(request_type):
+        assert each.keyword == (each.name in {*parameters} - NOT_AS_IT_IS), f"{each.name}: is it passed on?"
         if each.keyword:
             field = f"{request_type.__name__}.{each.name}"
             keyword = f"keyword `{each.name}`, default {each.default!r}"
@@ -135,9 +138,18 @@ def test_keywords_are_those_of_the_function(request_type: type, function: Callab
             assert parameters[each.name].default == each.default, f"{function.__name__} and {field} need one default"
 
 
-@pytest.mark.parametrize("message", [HogMessage, InvertMessage, PoseMessage, Fit])
-def test_the_page_has_what_it_offers_and_nothing_else(message: type) -> None:
+@pytest.mark.parametrize(
+    ("message", "offered"),
+    [
+        (HogMessage, "preset settings size"),
+        (InvertMessage, "preset settings size quality method prior seed"),
+        (PoseMessage, "box initial focal principal_point distortion method seed"),
+        (Fit, "initial method seed"),
+    ],
+)
+def test_the_page_has_what_it_offers_and_nothing_else(message: type, offered: str) -> None:
     ids = {"photo": "p", "mesh": "m"} if message is PoseMessage else {}
+    assert [each.name for each in list_options(message) if each.on_page] == offered.split()
     for each in list_options(message):
         value = other(each)
         text = json.dumps({**ids, each.name: value})

@@ -18,9 +18,11 @@ from nablahog.cli import terminal
 from nablahog.cli.commands import demo, invert
 from nablahog.cli.main import main
 from nablahog.cli.results import inversion_page
+from nablahog.cli.results.inversion import Inversion
 from nablahog.compat.opencv import HOGDescriptor
 from nablahog.invert import template
 from nablahog.io.images import read_image
+from nablahog.requests.sources import Source
 from tests.io.dpm_models import written
 
 from ..common import FAST, SMALL, names
@@ -46,6 +48,20 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
     known, unknown, _ = results
     assert all(isinstance(known[name], float) for name in ("cc", "mi", "ssim", "psnr"))
     assert unknown["cc"] is unknown["mi"] is unknown["ssim"] is unknown["psnr"] is None
+
+
+@pytest.mark.parametrize(("polarity", "odds"), [(0.79, "21%"), (0.8, None), (0.81, None)])
+def test_the_negative_is_shown_and_regions_are_gray_below_a_confidence_of_0_8(
+    polarity: float, odds: str | None
+) -> None:
+    spec, image = presets.paper(8), torch.tensor([[0.0, 0.2, 0.6, 0.8]])
+    source = Source("cat.npz", "cat", torch.zeros(1, 1, 9), spec, (1, 4), None)
+    regions = torch.tensor([[0.2, 0.5, 0.65, 0.8]])  # that they are rightly bright or dark
+    found = Inversion(source, image, {}, 1.0, "", polarity=polarity, regions=regions)
+    shown = {panel.caption: panel.picture for panel in found.panels()}
+    assert [caption for caption in shown if "negative" in caption] == ([f"or its negative, {odds}"] if odds else [])
+    np.testing.assert_allclose(shown["gray where unsure"], [[0.4, 0.4, 0.5, 0.8]], atol=1e-6)
+    assert all(np.array_equal(shown[caption], 1 - image) for caption in shown if "negative" in caption)
 
 
 @pytest.mark.parametrize("most", [2, 3])

@@ -23,7 +23,7 @@ from nablahog.cli.main import main
 from nablahog.cli.results.pose_files import PosedObject, as_csv, rows
 from nablahog.cli.results.pose_page import HEIGHT, pose_page
 from nablahog.cli.results.pose_pictures import joined_shape
-from nablahog.cli.results.pose_table import show_figures
+from nablahog.cli.results.pose_table import say_assumed, show_figures
 from nablahog.io.images import read_image, write_image
 from nablahog.io.input_file import InputFile
 from nablahog.io.lists import AnnotatedObject, read_objects
@@ -223,6 +223,16 @@ def test_probabilities_of_half_turns_are_shown_as_finely_as_they_are_known(half_
     assert figure(show_figures({"half_turn": half_turn}, ["half_turn"])["half_turn"]) == shown
 
 
+@pytest.mark.parametrize(
+    ("known", "said"), [("ag", " for 1 of 2 objects,"), ("aa", "assumed, so"), ("a", "assumed, so"), ("eg", "")]
+)
+def test_of_how_many_objects_the_focal_length_is_assumed(known: str, said: str) -> None:
+    words = {"a": "assumed", "g": "given", "e": "exif"}
+    sentence = say_assumed([{"focal_length_from": words[letter]} for letter in known])
+    assert said in sentence
+    assert bool(sentence) == bool(said)
+
+
 def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -> None:
     with_it, without = (
         pose_page("a.png", photograph, with_second(found, confidence), MESHES, "best", choose_lens((128, 128)))
@@ -230,6 +240,8 @@ def test_the_page_has_a_picture_of_it(found: PoseEstimate, photograph: Tensor) -
     )
     assert "second answer: azimuth 2°, confidence 0.31" in with_it
     assert "second answer: azimuth 2°" not in without
+    headings = ["Overlay", "Similarity by azimuth", "Visual elements", "Settings", "What the figures mean"]
+    assert re.findall("<h2>(.*?)</h2>", without) == headings
     pictures, others = (re.findall(r"data:image/png;base64,([^\"]+)", page) for page in (with_it, without))
     (added,) = set(pictures) - set(others)
     picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(added))).convert("RGB")) / 255
