@@ -11,6 +11,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 import nablahog
+from nablahog.app import access
 from nablahog.app.access import HEADERS, AccessRules
 from nablahog.app.server import make_app
 
@@ -73,9 +74,12 @@ def test_no_path_is_taken_from_a_request(client: TestClient, path: str) -> None:
     assert client.get(path).status_code == 404
 
 
-def test_too_large(client: TestClient) -> None:
-    answer = client.post("/api/hog", content=b"x" * 70_000)
-    assert (answer.status_code, answer.json()) == (413, {"error": "expected at most 65,536 bytes"})
+def test_too_large(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(access, "MOST_UPLOAD_BYTES", 70_000)
+    for path, most in (("hog", 65_536), ("cameras", 65_536), *((path, 70_000) for path in ("photos", "meshes"))):
+        answer = client.post(f"/api/{path}", content=b"x" * (most + 1))
+        assert (answer.status_code, answer.json()) == (413, {"error": f"expected at most {most:,} bytes"})
+        assert client.post(f"/api/{path}", content=b"x" * most).status_code in (400, 422)  # for what is in it
 
     def pieces() -> Iterator[bytes]:
         for _ in range(70):

@@ -7,6 +7,7 @@ import io
 import json
 import time
 from typing import Any
+from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,6 +16,7 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from nablahog.app.fit import Fitting
+from nablahog.app.messages import Pose
 from nablahog.pose import result
 
 from .conftest import HOST, documented_fields
@@ -125,7 +127,16 @@ def test_it_is_stopped(client: TestClient) -> None:
             '{"type": "open", "photo": "sample-camera", "mesh": "chair-wooden-0", "box": [0, 0, 2, 2]}',
             "the box must be x0, y0",
         ),
-        ('{"type": "open", "photo": "' + "x" * 20000 + '"}', "expected a message of at most 16,384 characters"),
+        (
+            '{"type": "pose", "n": 1, "pose": [0, 0, 3, 0, 0, 1000001]}',
+            "each of pose must be a finite number in -1e+06",
+        ),
+        (
+            '{"type": "pose", "n": 1, "pose": [-1000000, 0, 3, 0, 0, 1000000]}',
+            "expected a photograph and a model first",
+        ),
+        ("x" * 16_384, "expected JSON: "),
+        ("x" * 16_385, "expected a message of at most 16,384 characters"),
     ],
 )
 def test_a_sentence_says_what_is_wrong(client: TestClient, message: str, sentence: str) -> None:
@@ -134,6 +145,18 @@ def test_a_sentence_says_what_is_wrong(client: TestClient, message: str, sentenc
         answer = json.loads(socket.receive_text())
         assert answer["type"] == "error"
         assert answer["error"].startswith(sentence), answer
+
+
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [
+        ((370, 91, 0.9, 5, 6, 7), [10, 90, 1, 5, 6, 7]),
+        ((-10, -91, 101, 0, 0, 0), [350, -90, 100, 0, 0, 0]),
+        ((0, 89, 1.1, 0, 0, 0), [0, 89, 1.1, 0, 0, 0]),
+    ],
+)
+def test_poses_stay_within_what_can_be_rendered(asked: Pose, shown: list[float]) -> None:
+    assert Fitting._poses(Mock(), asked, False).tolist() == [pytest.approx(shown)]
 
 
 def test_the_camera_of_the_photograph(client: TestClient) -> None:

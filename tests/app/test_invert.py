@@ -119,15 +119,24 @@ def test_a_template(client: TestClient) -> None:
         assert "template" in answer.json()["error"]
 
 
-def test_what_is_sure_is_not_faded(client: TestClient, photo: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_sure_is_not_faded_and_has_no_negative(
+    client: TestClient, photo: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def sure(*arguments: Any) -> Reconstruction:
-        result = search(*arguments)
-        return replace(result, region_confidence=torch.ones_like(result.image))
+        results.append(results[0] if results else search(*arguments))
+        result = results[0]
+        regions, whole = torch.full_like(result.image, 0.8), torch.tensor([polarity], dtype=torch.float64)
+        return replace(result, region_confidence=regions, polarity_confidence=whole)
 
-    search = invert_module._search
+    search, results = invert_module._search, list[Reconstruction]()
     monkeypatch.setattr(invert_module, "_search", sure)
-    done = events(client, photo=photo, preset="paper")[-1][1]
-    assert done["faded"] == done["image"]
+    for polarity in (0.79, 0.8):
+        done = events(client, photo=photo, preset="paper", size=24)[-1][1]
+        assert done["faded"] == done["image"]
+        assert (done["polarity"], done["negative"] is None) == (polarity, polarity == 0.8)
+        if done["negative"] is not None:
+            both = np.asarray(picture(done["negative"])).astype(int) + np.asarray(picture(done["image"]))
+            assert np.abs(both - 255).max() <= 1
 
 
 def test_it_ends_when_nobody_waits(photo_file: bytes) -> None:

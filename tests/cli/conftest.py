@@ -28,6 +28,19 @@ def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
+def lines_of_progress_begin_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of any command that a test runs."""
+
+    class Named(terminal._Lines):
+        def __init__(self, name: str, items: str) -> None:
+            assert name.startswith("nablahog ")
+            assert re.fullmatch("[a-z]+s", items)
+            super().__init__(name, items)
+
+    monkeypatch.setattr(terminal, "_Lines", Named)
+
+
+@pytest.fixture(autouse=True)
 def pages_lead_to_each_other(tmp_path: Path) -> Iterator[None]:
     """The pages that a test leaves lead to those that are there, and to all but the first of a folder."""
     yield

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from nablahog.inputs.arrays import advise_on_levels, as_array, as_mask, as_tensor
 from nablahog.inputs.batches import as_batch
 from nablahog.inputs.boxes import as_box
-from nablahog.inputs.cameras import as_camera, as_view
+from nablahog.inputs.cameras import advise_on_size, as_camera, as_view
 from nablahog.inputs.numbers import as_integer, as_number, as_seed, as_size, parse_numbers
 from nablahog.inputs.pil_images import pil_pixels
 from nablahog.inputs.training_images import digest_of_images
@@ -69,6 +69,30 @@ def test_limits(name: str) -> None:
     for value in refused:
         with pytest.raises(ValueError, match=r"must (be|have)|expected levels in"):
             read(value)
+
+
+@pytest.mark.parametrize(
+    ("across", "down", "advice"),
+    [
+        (1, 1, None),
+        (1.19, 1.19, None),
+        (1.21, 1.21, "the middle of a photograph of about 363x484 pixels (height x width), not of 300x400"),
+        (1.21, 1.21, "multiply all intrinsics by 0.826"),
+        (0.5, 0.5, "multiply all intrinsics by 2"),
+        (2, 1.91, "multiply all intrinsics by 0.5"),
+        (2, 1.89, "as it is turned"),  # of another shape
+        (1.59, 1, None),
+        (1.61, 1, "as it is turned"),
+        (1, 0.41, None),
+        (1, 0.39, "as it is turned"),
+        (2.01, 1, "outside the photograph of 300x400 pixels"),
+        (1, -0.01, "outside the photograph"),
+    ],
+)
+def test_a_principal_point_of_another_photograph(across: float, down: float, advice: str | None) -> None:
+    """In a photograph of 300x400 pixels, in halves of its sides."""
+    said = advise_on_size(300, 400, 200 * across, 150 * down)
+    assert said is None if advice is None else said is not None and advice in said
 
 
 @pytest.mark.parametrize("shape", [(1, 4, 4), (3, 80, 90), (1, 5, 2000)])

@@ -268,7 +268,12 @@ PLANE = {"FocalLength": rational(5.2), "FocalPlaneXResolution": rational(2540)} 
         ({**PLANE, "ExifImageWidth": 800, "ExifImageHeight": 600}, 260),  # it was made smaller
         ({**PLANE, "ExifImageWidth": 600, "ExifImageHeight": 800}, 260),  # and turned
         ({}, None),
-        ({"FocalLengthIn35mmFilm": 60_000}, None),
+        ({"FocalLengthIn35mmFilm": 5}, 500 * 5 / math.hypot(36, 24)),  # 0.1 … 100 diagonals of the photograph
+        ({"FocalLengthIn35mmFilm": 4}, None),
+        ({"FocalLengthIn35mmFilm": 4326}, 500 * 4326 / math.hypot(36, 24)),
+        ({"FocalLengthIn35mmFilm": 4327}, None),
+        ({**PLANE, "ExifImageWidth": 807, "ExifImageHeight": 600}, 520 * 400 / 807),  # rounded, at most by a hundredth
+        ({**PLANE, "ExifImageWidth": 809, "ExifImageHeight": 600}, None),
         ({"FocalLengthIn35mmFilm": 26, "ExifImageWidth": 800, "ExifImageHeight": 800}, None),  # cut
         ({**PLANE, "FocalLength": IFDRational(5, 0)}, None),
         ({**PLANE, "FocalPlaneResolutionUnit": 1}, None),  # which says that there is none

@@ -138,6 +138,11 @@ def test_absolute_names_of_files_in_the_folder(tmp_path: Path, monkeypatch: pyte
         ({"images": 3}, "expected an object with the lists images and annotations"),
         ({"images": [{"id": "x"}]}, r"images\[0\], column id must be an integer in .*, got 'x'"),
         ({"images": [5]}, r"images\[0\]: expected an object"),
+        (
+            {"images": [{"id": 10**18 + 1}]},
+            r"images\[0\], column id must be an integer in .* 1,000,000,000,000,000,000, got",
+        ),
+        ({"images": [{"id": 10**18}]}, r"annotations\[0\], column image_id: expected the id of one"),
         ({"images": [{"id": 7}]}, r"annotations\[0\], column image_id: expected the id of one of the images, got 9"),
         ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected a different id for"),
         ({"annotations": [{"id": 1, "image_id": 7, "segmentation": {"counts": "x"}}]}, "segmentation: expected a bbox"),

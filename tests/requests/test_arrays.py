@@ -175,11 +175,18 @@ def test_all_suggestions_work_as_they_stand() -> None:
     for shape in ((5, 4, 32), (31, 4, 5), (324,), (16, 108)):
         array = np.random.default_rng(0).random(shape)
         suggestions = suggest(array, GlyphRequest())
-        assert suggestions
+        assert 0 < len(suggestions) <= 6
         for suggestion in suggestions:
             identify(array, suggestion.request)
     for nothing in ((0,), (5, 0, 31), (100_003,)):
         assert suggest(np.zeros(nothing), GlyphRequest()) == []
+
+
+@pytest.mark.parametrize(("negative", "is_detector"), [(378, False), (379, True)])
+def test_a_row_of_which_more_than_a_tenth_is_negative_is_of_a_detector(negative: int, is_detector: bool) -> None:
+    row = np.random.default_rng(0).random(3780)
+    row[:negative] *= -1
+    assert suggest(row, GlyphRequest(preset="opencv"))[0].is_detector == is_detector
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,15 @@ def test_the_page_has_what_it_offers_and_nothing_else(message: type, offered: st
                 decode(text, message)
 
 
+@pytest.mark.parametrize(("message", "most"), [(HogMessage, 1024), (InvertMessage, 512)])
+def test_sizes_on_the_page(message: type, most: int) -> None:
+    for size in (8, most):
+        assert getattr(decode(json.dumps({"size": size}), message), "size") == size  # noqa: B009
+    for size in (7, most + 1):
+        with pytest.raises(RequestError, match=f"^size must be an integer in 8 … {most:,}, got"):
+            decode(json.dumps({"size": size}), message)
+
+
 @pytest.mark.parametrize("text", ['{"prior": "/etc/passwd"}', '{"seed": -1}', '{"seed": 0.5}', '{"size": 100000}'])
 def test_the_page_keeps_ranges_and_choices(text: str) -> None:
     with pytest.raises(RequestError, match="must be"):

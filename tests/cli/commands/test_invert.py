@@ -52,7 +52,7 @@ def test_invert(tmp_path: Path, photo: str, descriptor: str, capsys: pytest.Capt
 
 @pytest.mark.parametrize(("polarity", "odds"), [(0.79, "21%"), (0.8, None), (0.81, None)])
 def test_the_negative_is_shown_and_regions_are_gray_below_a_confidence_of_0_8(
-    polarity: float, odds: str | None
+    polarity: float, odds: str | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec, image = presets.paper(8), torch.tensor([[0.0, 0.2, 0.6, 0.8]])
     source = Source("cat.npz", "cat", torch.zeros(1, 1, 9), spec, (1, 4), None)
@@ -62,6 +62,11 @@ def test_the_negative_is_shown_and_regions_are_gray_below_a_confidence_of_0_8(
     assert [caption for caption in shown if "negative" in caption] == ([f"or its negative, {odds}"] if odds else [])
     np.testing.assert_allclose(shown["gray where unsure"], [[0.4, 0.4, 0.5, 0.8]], atol=1e-6)
     assert all(np.array_equal(shown[caption], 1 - image) for caption in shown if "negative" in caption)
+    for many in (5, 6):
+        invert._say_unsure([found] * many)
+        said = capsys.readouterr().out
+        assert said.count("cat.npz (79% sure)") == (5 if odds else 0)
+        assert ("…" in said) == (bool(odds) and many == 6)
 
 
 @pytest.mark.parametrize("most", [2, 3])

@@ -209,6 +209,24 @@ def test_advice_on_a_warning_fits_it(tmp_path: Path, capsys: pytest.CaptureFixtu
     ]
 
 
+def test_what_is_said_of_several_objects(capsys: pytest.CaptureFixture[str]) -> None:
+    """How many are doubtful and refused; a failure counts more than a refusal."""
+    listed, request = AnnotatedObject(1, "a.png"), PoseRequest(least_confidence=0.5)
+    doubtful = PosedObject(listed, {"warning": DOUBT}, refused=True)
+    fine, failed = PosedObject(listed, {"warning": None}), PosedObject(listed, failure="no such file")
+    for posed, status, many in (
+        ([fine], 0, 0),
+        ([doubtful], 4, 1),
+        ([fine, doubtful], 4, 2),
+        ([doubtful, failed], 3, 2),
+    ):
+        assert pose._status(posed, request, []) == status
+        said = capsys.readouterr().err
+        assert bool(said) == (doubtful in posed)
+        assert ("1 of 2 objects; the first: " in said) == ("1 of 2 poses" in said) == (many == 2)
+        assert ("below 0.5: the pose;" in said) == (many == 1)
+
+
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:
     folder, cameras = Path(scene[2]).parent, tmp_path / "cameras.txt"
     cameras.write_text("1 SIMPLE_RADIAL 360 300 600 180 152 -0.1\n")

@@ -20,7 +20,8 @@ from torch import Tensor
 from nablahog import estimate_pose, sample_chairs
 from nablahog.cli.commands.pose import ObjectJob
 from nablahog.cli.main import main
-from nablahog.cli.results.pose_files import PosedObject, as_csv, rows
+from nablahog.cli.results import pose_files
+from nablahog.cli.results.pose_files import PosedObject, as_csv, as_json, rows
 from nablahog.cli.results.pose_page import HEIGHT, pose_page
 from nablahog.cli.results.pose_pictures import joined_shape
 from nablahog.cli.results.pose_table import say_assumed, show_figures
@@ -202,6 +203,22 @@ def test_the_table_has_it_where_it_is_likely(found: PoseEstimate, confidence: fl
     posed = PosedObject(listed, pose_figures(with_second(found, confidence)))
     failed = PosedObject(listed, failure="no such file")
     assert [row["second"] for row in rows([posed, failed])] == [shown, None]
+    other = replace(failed, listed=replace(listed, image="b.png"))
+    shapes = [{"id": 1, "file_name": "a.png", "height": 128, "width": 128}, {"id": 2, "file_name": "b.png"}]
+    assert as_json([posed, failed, other])["images"] == shapes
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_of_many_objects_the_first_are_shown(
+    found: PoseEstimate, tmp_path: Path, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pose_files, "SHOWN", most)
+    figures = {**pose_figures(with_second(found, 0.31)), "seconds": 1.0}
+    posed = [PosedObject(AnnotatedObject(k, "a.png"), figures, np.zeros((3, 8, 8), np.uint8)) for k in (1, 2)]
+    pose_files.write(tmp_path, posed, 0.3, several=False)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == most
+    assert ("Only the first 1 are shown." in page) == (most == 1)
 
 
 @pytest.mark.parametrize(("others", "shown"), [((65.64, 155.0), "180.0 or 65.6 or 155.0"), ((7.5,) * 47, "any")])
