@@ -218,7 +218,7 @@ def test_of_many_objects_the_first_are_shown(
     pose_files.write(tmp_path, posed, 0.3, several=False)
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == most
-    assert ("Only the first 1 are shown." in page) == (most == 1)
+    assert (f"Only the first {most} are shown." in page) == (most == 1)
 
 
 @pytest.mark.parametrize(("others", "shown"), [((65.64, 155.0), "180.0 or 65.6 or 155.0"), ((7.5,) * 47, "any")])
