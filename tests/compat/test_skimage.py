@@ -243,6 +243,11 @@ def test_refusals(case: str) -> None:
         feature.hog(image, **options)
 
 
+def test_tensors_that_the_loops_cannot_read_are_refused_by_its_own_word() -> None:
+    with pytest.raises(TypeError, match=r"^image must be a dense tensor, got torch.sparse_coo: write tensor.to_dense"):
+        hog(torch.rand(32, 32).to_sparse())
+
+
 # arguments that nobody would think of: the same result, or an error of the same kind
 ODD: dict[str, dict[str, Any]] = {
     "1 orientation": {"orientations": 1},

@@ -113,12 +113,19 @@ def test_a_constant_problem_stops_at_once_and_no_other_does(name: str) -> None:
 
 @all_minimisers
 def test_stops_when_there_is_no_progress(name: str) -> None:
-    problem = SumOfSquares(
-        lambda x, index: torch.cat([CASES["long"].residuals(x), torch.ones(len(x), 1)], dim=1).double()
-    )
-    result = ALL[name](problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
-    assert result.stop_reason == [StopReason.PROGRESS]
-    assert result.value < 1.1
+    """As a share of the value: after as many evaluations whatever its unit."""
+    spent = []
+    for unit in (1, 64):
+        problem = SumOfSquares(
+            lambda x, index, unit=unit: (
+                unit * torch.cat([CASES["long"].residuals(x), torch.ones(len(x), 1)], dim=1).double()
+            )
+        )
+        result = ALL[name](problem, CASES["long"].points(), max_evaluations=2000, progress_tolerance=1e-3)
+        assert result.stop_reason == [StopReason.PROGRESS]
+        assert result.value < 1.1 * unit**2
+        spent.append(int(result.evaluations))
+    assert spent[0] == spent[1]
 
 
 @all_minimisers

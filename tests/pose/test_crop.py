@@ -105,8 +105,9 @@ def test_what_is_shrunk_is_smoothed_first(factor: float, most: float) -> None:
     assert (crop.image - 0.5).abs().max() < most
 
 
-def test_smaller_sees_the_same() -> None:
-    crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0))
+@pytest.mark.parametrize("known", [{}, {"focal": 400.0, "axis": (90.0, 310.0)}])
+def test_smaller_sees_the_same(known: dict[str, Any]) -> None:
+    crop = crop_object(torch.rand(3, 375, 500), (282.0, 236.0, 365.0, 348.0), **known)
     small = crop.downsample(2)
     assert_close(small.image[0, 0, 3, 5], crop.image[0, 0, 6:8, 10:12].mean())
     assert small.size == (crop.size[0] / 2, crop.size[1] / 2)
@@ -116,6 +117,9 @@ def test_smaller_sees_the_same() -> None:
     assert_close(
         2 * screen(points, downsample_poses(pose[None], 2)[0], small.camera), screen(points, pose, crop.camera)
     )
+    x, y = torch.tensor([-40.0, 10, 25], dtype=torch.float64), torch.tensor([6.0, -31, 50], dtype=torch.float64)
+    assert_close(small.to_photograph(x / 2, y / 2), crop.to_photograph(x, y))
+    assert small.twist(2, -3) == pytest.approx(crop.twist(4, -6))
 
 
 def test_a_pose_in_the_crop_of_a_known_camera_projects_to_the_same_points_of_the_photograph() -> None:

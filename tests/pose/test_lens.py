@@ -97,6 +97,7 @@ def test_vertices_are_where_opencv_projects_them(estimate: tuple[PoseEstimate, T
 
 def test_what_is_written_says_so(estimate: tuple[PoseEstimate, Tensor, Box], tmp_path: Path) -> None:
     found, photo, box = estimate
+    assert found.share == 1
     found.save(tmp_path / "pose.json")
     written = json.loads((tmp_path / "pose.json").read_text())
     assert written["photograph_camera"] == {

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import pytest
 import torch
+from torch import Tensor
 
 from nablahog.pose import estimate_pose
+from nablahog.pose.best_search import BestSearch
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.vote import (
     Hypothesis,
@@ -92,6 +95,38 @@ def test_a_vote_is_the_exponential_of_the_similarity_without_the_penalty() -> No
     assert share + other == pytest.approx(1)
     (first, _), _ = voted(poses([0.0, 180.0], [5.0, 5.0], None, [0.5, 0.0]), 2)
     assert first[0].model == "b"
+
+
+class VoteAlone(BestSearch):
+    """A search that chooses among poses whose ascents end where they begin, and whose moves change nothing else."""
+
+    def __init__(self) -> None:
+        self._prior = None  # a cached property
+
+    def ascend(self, starts: Sequence[Hypothesis], *_: Any, **__: Any) -> list[Hypothesis]:
+        return [*starts]
+
+    def weigh_azimuths(self, poses: Sequence[Hypothesis]) -> Tensor:
+        return torch.zeros(len(poses), dtype=torch.float64)
+
+    def move_to_viewpoint(self, start: Hypothesis, viewpoint: Tensor) -> Hypothesis:
+        return replace(start, pose=start.pose.index_copy(0, torch.tensor([0, 1, 3]), viewpoint))
+
+    def _estimate(self, best: Any, traced: Any, shares: Any, *, agreement: float) -> Any:
+        return best, traced, shares, agreement
+
+
+def test_the_best_pose_of_the_side_with_most_votes_is_moved_to_the_mean_of_that_side() -> None:
+    """Others are traced, too; a rival is the best of its side, with its votes as a share of the winner's."""
+    voters = poses([200.0, 4, -4, 0], [6.0, 5.0, 6.0, 5.5], [6.0, 5.0, 6.0, 5.5])
+    best, traced, shares, agreement = cast(Any, VoteAlone().choose_by_vote(voters))
+    assert best.model == "c"
+    assert best.similarity == 6
+    assert -4 < best.azimuth < 0
+    assert sorted(one.model for one in traced) == ["a", "b", "c", "d"]
+    sides = voted(voters, 2)
+    assert shares == {voters[0]: sides[1][1] / sides[0][1]}
+    assert agreement == measure_agreement(best, voters, torch.zeros(4, dtype=torch.float64))
 
 
 def test_shares_add_up_and_every_pose_is_on_one_side() -> None:

@@ -178,6 +178,19 @@ def test_forward_is_reverse(method: EdgeMethod) -> None:
 
 
 @methods
+@pytest.mark.parametrize(("height", "width"), [(24, 16), (16, 24)])
+def test_a_batch_is_its_images(height: int, width: int, method: EdgeMethod) -> None:
+    """Of an object that reaches beyond all sides of the images."""
+    renderer, at = Renderer(TWO, Camera(90.0, height, width), method=method, supersampling=1), poses(2, 4.5)
+    behind = torch.full((1, 1, height, width), 0.1, dtype=torch.float64)
+
+    def image_and_tangent(poses: Tensor) -> Any:
+        return torch.func.jvp(lambda p: renderer(p, behind), (poses,), (torch.ones_like(poses),))
+
+    assert_close(image_and_tangent(at), tuple(map(torch.cat, zip(*map(image_and_tangent, at.split(1)), strict=True))))
+
+
+@methods
 def test_forward_is_reverse_where_it_is_compiled(method: EdgeMethod) -> None:
     renderer = Renderer(TWO, CAMERA, method=method)
     at, picture = poses(2, 13), torch.rand(1, 1, 48, 40)

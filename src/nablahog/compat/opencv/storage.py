@@ -166,7 +166,7 @@ def _format_number(value: object, dot: str) -> str:
 
 def _format_sequence(value: object, dot: str, between: str, indent: str) -> str:
     words = [_format_number(number, dot) for number in value]  # type: ignore[attr-defined]
-    return textwrap.fill(between.join(words), 76, subsequent_indent=indent, break_on_hyphens=False)
+    return textwrap.fill(between.join(words), 76, subsequent_indent=indent)
 
 
 def _format_entries(
