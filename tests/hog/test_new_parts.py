@@ -13,7 +13,7 @@ from torch.testing import assert_close
 
 from nablahog import hog, reconstruct, stream
 from nablahog.hog import BilinearCells, GlobalNorm, HOGSpec
-from nablahog.hog.descriptor import histograms
+from nablahog.hog.descriptor import Backend, histograms
 from nablahog.hog.kernels.loops import supports
 from nablahog.hog.normalizers import Footprint, Normalizer, PerCell
 from nablahog.hog.poolings import Pooling, Taps
@@ -40,7 +40,7 @@ class Pairs(Normalizer):
         return 1
 
     def normalize(self, histograms: Tensor, signed: bool) -> Tensor:
-        votes = histograms.sum(dim=1, keepdim=True)
+        votes = (histograms.movedim(1, -1) @ histograms.new_ones(histograms.shape[1], 1)).movedim(-1, 1)
         around = votes + torch.cat([votes[..., :1, :], votes[..., :-1, :]], dim=-2)
         pairs = torch.cat([histograms[..., :-1], histograms[..., 1:]], dim=1)
         return pairs / (around[..., :-1] + around[..., 1:] + self.epsilon)
@@ -92,6 +92,15 @@ def test_descriptor(new: HOGSpec) -> None:
     assert_close(histograms(images, new), histograms(images, new, backend="torch"), rtol=0, atol=1e-12)
     assert HOGSpec.from_json(new.to_json()) == new
     assert new.image_size(*new.grid(16, 24)) == (16, 24)
+
+
+@pytest.mark.parametrize("backend", ["auto", "torch"])
+def test_autocast_leaves_its_precision(backend: Backend) -> None:
+    """Of all that PyTorch computes: products of float32 matrices would be of bfloat16."""
+    images, new = noise(1, 3, 18, 25), spec(normalizer=Pairs(), pooling=WideCells())
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        under_autocast = hog(images.float(), new, backend=backend)
+    assert_close(under_autocast.double(), hog(images, new, backend=backend), rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -102,6 +102,17 @@ def test_bounds_that_other_numbers_keep_too_decide_nothing(name: str) -> None:
     assert not [identity.sentence for identity in holding if any(words in identity.sentence for words in bounds)]
 
 
+@pytest.mark.parametrize("name", sorted(SPECS.keys() - {"skimage", "dalal_triggs"} | {"dalaltriggs"}))
+def test_what_is_so_even_that_nothing_is_clipped_is_excluded_by_no_identity(name: str) -> None:
+    """But by those of L2-Hys blocks whose ε tells nothing: of photographs, some of these are clipped."""
+    spec = presets.vlfeat("dalaltriggs") if name == "dalaltriggs" else SPECS[name].single_colour
+    histograms = 1 + 0.1 * torch.rand(1, spec.bins, 6, 7, dtype=torch.float64)
+    channels = spec.normalizer.normalize(histograms, spec.signed)
+    for identity in spec.normalizer.identities(channels, spec.bins, spec.signed, 1e-6):
+        if identity.errors.numel():
+            assert (identity.errors.abs() <= 1e-6).double().mean() >= identity.share, identity.sentence
+
+
 @pytest.mark.parametrize(
     ("name", "bins", "which"),
     [("vlfeat", 18, "19 … 27"), ("vlfeat", 16, "of all orientations"), ("dpm", 16, "of all directions")],
