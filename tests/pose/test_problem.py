@@ -18,9 +18,17 @@ from nablahog.inputs.cameras import as_view
 from nablahog.pose import PoseEstimate, search_steps
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object
-from nablahog.pose.model import prepared_model
+from nablahog.pose.model import equidistant_azimuths, prepared_model
 from nablahog.pose.photograph import PreparedPhotograph
-from nablahog.pose.problem import SMALL_PENALTY, STEEP_PENALTY, TILT_PENALTY, PoseProblem, view_penalty
+from nablahog.pose.problem import (
+    SMALL_PENALTY,
+    STEEP_PENALTY,
+    TILT_PENALTY,
+    PoseProblem,
+    allowed_azimuths,
+    elevations_around,
+    view_penalty,
+)
 from nablahog.pose.result import pose_figures
 from nablahog.pose.similarity import Similarity
 from nablahog.render import Camera, Mesh, load_mesh, pose, render
@@ -61,6 +69,22 @@ def test_the_matrix_maps_points_of_the_file_to_where_they_are_drawn(
     drawn = to_screen(to_camera(moved.vertices, poses), poses, camera)[0, :, :2]
     assert_close(by_opencv(points, one.matrix(), one.intrinsics), drawn, rtol=0, atol=1e-9)
     assert (moved is mesh) == (axis is None)
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "within", "searched"),
+    [(0.0, 15.0, [0, 7.5, 15, 345, 352.5]), (352.5, 7.5, [0, 345, 352.5]), (5.0, 1.0, [7.5])],
+)
+def test_views_up_to_the_bound_are_searched_and_the_nearest_in_any_case(
+    azimuth: float, within: float, searched: list[float]
+) -> None:
+    around = equidistant_azimuths(48)
+    assert around[allowed_azimuths(around, (azimuth, 0.0), within)].tolist() == searched
+
+
+def test_no_view_is_searched_beyond_a_pole() -> None:
+    assert elevations_around((0.0, 75.0)) == (60, 75, 90)
+    assert elevations_around((0.0, -80.0)) == (-80, -65)
 
 
 @pytest.mark.parametrize("axis", [None, (75.0, 61.0)])

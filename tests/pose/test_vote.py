@@ -122,6 +122,8 @@ def test_the_best_pose_of_the_side_with_most_votes_is_moved_to_the_mean_of_that_
     best, traced, shares, agreement = cast(Any, VoteAlone().choose_by_vote(voters))
     assert best.model == "c"
     assert best.similarity == 6
+    trace = best.search_trace()
+    assert (trace.model, trace.azimuths, trace.similarities) == ("c", (-4,), (6,))
     assert -4 < best.azimuth < 0
     assert sorted(one.model for one in traced) == ["a", "b", "c", "d"]
     sides = voted(voters, 2)
