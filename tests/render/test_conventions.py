@@ -120,8 +120,10 @@ SQUARE = Camera.from_field_of_view(40, 64, 64)
         (lambda: from_pytorch3d(R * torch.tensor([-1.0, 1, 1]), T, 60, 64, 64), "R must be rotations"),
         (lambda: from_pytorch3d(R, T + torch.tensor([0.5, 0, 0]), 60, 64, 64), "must look at the origin"),
         (lambda: from_pytorch3d(R, T[:, :2], 60, 64, 64), r"T must be a tensor \(1, 3\)"),
+        (lambda: from_pytorch3d(R, 0 * T, 60, 64, 64), "distances above 0"),
         (lambda: to_pytorch3d(pose(0, x=1), SQUARE), "x and y must be 0"),
         (lambda: to_pascal3d(pose(0).expand(2, 6), SQUARE), "one pose"),
+        *((lambda to=to: to(-pose(0), SQUARE), "distances above 0") for to in (to_pascal3d, to_pytorch3d)),
         (lambda: from_pascal3d(Pascal3D(30, 0, 0, 0, 1, 0, 0), 64, 64), "distances above 0"),  # a coarse viewpoint
         (lambda: from_pascal3d(Pascal3D(30, 0, 3, 0, 0, 0, 0), 64, 64), "focal, in pixels"),
     ],
