@@ -103,6 +103,20 @@ def test_no_poses(poses: Tensor) -> None:
             read(poses)
 
 
+def test_products_are_refused_of_other_shapes_than_those_of_the_images() -> None:
+    gradient, at, camera = torch.zeros(2, 4, *(size := (CAMERA.height, CAMERA.width))), poses(2, 3), CAMERA
+    for wrong in ((gradient, at[:1]), (gradient[:, :3], at), (gradient[..., 1:], at), (gradient, at[:, :5])):
+        for product in (pose_jacobian, lambda *of: pose_vjp(torch.zeros(2, *size), *of)):
+            with pytest.raises(ValueError, match="must be a tensor"):
+                product(*wrong, camera)
+    for grad_image in (torch.zeros(1, *size), torch.zeros(2, 1, *size), torch.zeros(2, *size[::-1])):
+        with pytest.raises(ValueError, match="grad_image must be a tensor"):
+            pose_vjp(grad_image, gradient, at, camera)
+    for read in (lambda other: pose_jacobian(gradient, at, other), lambda other: depth_and_normals(box(), at, other)):
+        with pytest.raises(TypeError, match=r"expected a nablahog.Camera"):
+            read(100.0)
+
+
 SMALL = Camera(300.0, 20, 30)
 
 

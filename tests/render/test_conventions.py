@@ -133,6 +133,14 @@ def test_what_has_no_camera_or_cannot_be_said(convert: Callable[[], object], mes
         convert()
 
 
+def test_numbers_alone_are_neither_a_camera_nor_a_view() -> None:
+    for convert in (to_pascal3d, to_pytorch3d):
+        with pytest.raises(TypeError, match=r"expected a nablahog.Camera, got a tuple"):
+            convert(pose(0), (100.0, 64, 64))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="view must be"):
+        from_pascal3d((30.0, 10.0, 5.0, 0.0, 1.0, 250.5, 188.0), 64, 64)  # type: ignore[arg-type]
+
+
 SOLID = torch.rand(20, 3, dtype=torch.float64) - 0.5
 INTRINSICS = torch.tensor([[300.0, 0, 70], [0, 300, 66], [0, 0, 1]], dtype=torch.float64)
 
