@@ -131,6 +131,13 @@ def test_the_packages_priors_are_the_default(spec: HOGSpec) -> None:
         assert float(metrics.cross_correlation(default.image[0, 0], alone.image[0, 0])) > 0.8
 
 
+def test_details_come_after_three_tenths_of_the_evaluations() -> None:
+    descriptor, prior, few = hog(photograph(64), PAPER), tiny_models.prior(PAPER), Search(max_evaluations=20)
+    several = [prior, tiny_models.prior()]
+    both, alone = (reconstruct(descriptor, PAPER, prior=given, search=few).history for given in (several, prior))
+    assert (both == alone).flatten().tolist().index(False) == 6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [False, True])
 @signed_and_unsigned

@@ -144,9 +144,11 @@ def test_priors_and_smoothness_make_neighbours_agree(minimiser: Minimiser) -> No
 
 
 def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = torch.cat([starts(1), torch.full_like(starts(1), 0.5)], dim=1)  # the flat ones end at once
+
     def run() -> tuple[PreimageSearch, Tensor]:
         made = account(budget=60)
-        mean = made.match(starts(2), VOTES, 18).mean(dim=1)
+        mean = made.match(first, VOTES, 18).mean(dim=1)
         return made, made.match(mean.unsqueeze(1), None, made.remaining_evaluations(), mean, 1.0)
 
     on_cpu, its_images = run()
@@ -155,6 +157,7 @@ def test_results_on_a_device_are_those_on_a_cpu(monkeypatch: pytest.MonkeyPatch)
     for made in (on_cpu, on_device):
         assert made.evaluations[2] < made.evaluations[:2].min()  # the flat image ends, and others go on
     torch.testing.assert_close(images_there, its_images, atol=1e-4, rtol=0)
+    torch.testing.assert_close(history(on_device), history(on_cpu), atol=1e-4, rtol=0)
 
 
 def test_rounds_of_a_search_ask_for_no_number(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,10 @@ from torch.testing import assert_close
 from nablahog.hog import HOGSpec
 from nablahog.hog.descriptor import histograms
 from nablahog.invert.histograms import linear_vote_spec, set_nominal_contrast
+from nablahog.invert.prior.confidence import Calibration, SignEvidence, smooth_regions
 from nablahog.invert.prior.learned import network_class
 from nablahog.invert.prior.signed_network import INPUT_SPEC, Architecture, SignedNetwork, network_inputs
-from nablahog.invert.prior.unsigned_network import UnsignedNetwork
+from nablahog.invert.prior.unsigned_network import LargestCells, UnsignedNetwork
 from nablahog.invert.starts import integrate, mean_gradient
 
 from .photographs import photograph
@@ -91,3 +92,35 @@ def test_small_cells_are_seen_after_large_ones_together_with_what_these_are_expe
     coarser = seen[4][1]
     assert (coarser.shape, bool((seen[0][1] == 0).all())) == ((1, 1, 56, 120), True)
     assert torch.equal(seen[5][1], coarser.flip(3))
+
+
+def ramp(cols: int) -> Tensor:
+    """Pixels as bright as their centres are far from the middle, in widths of the image."""
+    return ((torch.arange(cols) + 0.5) / cols - 0.5).expand(1, 1, cols, -1)
+
+
+def test_what_is_resampled_stays_where_it_is() -> None:
+    """But for pixels at the border."""
+    network, seen = UnsignedNetwork(Architecture((8, 8, 8), (0, 0, 0))).eval(), []
+    votes, unit = torch.rand(1, 9, 8, 8), ramp(16).std(correction=0)
+    network.predict_regions = lambda *given: ramp(16)  # type: ignore[method-assign]
+    assert_close(network.coarser(torch.rand(1, 9, 16, 16), None)[..., 1:-1], ramp(32)[..., 1:-1] / unit)  # type: ignore[arg-type]
+
+    def judge(votes: Tensor, regions: Tensor, images: Tensor) -> Tensor:
+        seen.append(images)
+        return torch.ones(1)
+
+    network.polarity.forward = judge  # type: ignore[method-assign]
+    assert_close(network.log_odds(ramp(64), LargestCells(votes, ramp(16))), torch.ones(1))
+    assert_close(seen[0][..., 1:-1], ramp(16)[..., 1:-1] / unit, atol=1e-2, rtol=0)
+    dot = torch.zeros(1, 1, 64, 64)
+    dot[..., 32, 32] = 1
+    network.log_odds(dot, LargestCells(votes, ramp(16)))
+    assert seen[2].any()  # no pixel is skipped
+    assert smooth_regions(dot).any()
+    drawn = network.draw(votes, PAPER, (64, 64), 1, 0, torch.ones_like)
+    for image in (network.predict(votes, PAPER, (64, 64)), drawn):
+        assert_close(image[..., 8:-8], ramp(64)[..., 8:-8], atol=5e-3, rtol=0)  # cubic
+    evidence = SignEvidence(torch.zeros(1), torch.logit(0.5 + ramp(16)))
+    chances = Calibration().regions(evidence, torch.ones(1), (64, 64))
+    assert_close(chances[..., 2:-2], 0.5 + ramp(64)[..., 2:-2])

@@ -8,6 +8,7 @@ import io
 import itertools
 import os
 import re
+import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -47,7 +48,9 @@ BOTH = pytest.mark.parametrize("name", ["signed-global", "paper"])
 def test_the_returned_image_explains_the_descriptor(name: str) -> None:
     spec, image = SPECS[name], photograph(61)
     descriptor = hog(image, spec)
+    began = time.perf_counter()
     result = reconstruct(descriptor, spec, image_size=(61, 61), search=Search(max_evaluations=120), prior=None)
+    assert 0 < result.seconds < time.perf_counter() - began
     assert result.image.shape == (1, 1, 61, 61)
     assert result.image.dtype == torch.float32
     assert 0 <= result.image.min() <= result.image.max() <= 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,12 +14,12 @@ from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d
 from torch.testing import assert_close
 
-from nablahog import LearnedPrior, presets, train_prior
+from nablahog import LearnedPrior, hog, presets, train_prior
 from nablahog.hog import HOGSpec
 from nablahog.invert import histograms
 from nablahog.invert.prior import calibration, training_windows
 from nablahog.invert.prior.calibration import Observations
-from nablahog.invert.prior.confidence import Calibration
+from nablahog.invert.prior.confidence import Calibration, SignEvidence, smooth_regions
 from nablahog.invert.prior.provenance import digest_of_weights
 from nablahog.invert.prior.signed_network import Architecture, ResidualBlock
 from nablahog.invert.prior.training import default_precision, learning_rates
@@ -351,6 +352,43 @@ def test_whole_folders_are_held_out_and_calibrate_the_confidence(monkeypatch: py
     assert judged == [list(eight)]
     assert prior.learning.calibrated_on == tuple(eight)
     assert float(prior.calibration.polarity(torch.tensor(2.0))) == pytest.approx(0.75, abs=0.01)
+
+
+def test_what_a_calibration_observes_of_photographs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One pre-image is the photograph, one its negative, one a negative on a side."""
+    shown = {name: photograph(64, name[2:])[0, 0, :40] for name in ("a/camera", "a/coins", "b/clock")}
+    wholes = [training_windows.resize_whole(image) for image in shown.values()]
+    sided = torch.where(torch.arange(128) < 24, 1 - wholes[2], wholes[2])
+    images, right, prior = [wholes[0], 1 - wholes[1], sided], [True, False, True], tiny_models.prior(PAPER)
+    evidence = [SignEvidence(torch.tensor([k - 1.0]), torch.rand(1, 1, 16, 32)) for k in range(3)]
+    given: list[Any] = []
+
+    def invert(descriptor: Tensor, spec: HOGSpec, size: tuple[int, int], **options: Any) -> SimpleNamespace:
+        assert (size, options["prior"]) == ((64, 128), prior)
+        return SimpleNamespace(image=images[len(given)])
+
+    def gather(_: LearnedPrior, *of: Any) -> SignEvidence:
+        given.append(of)
+        return evidence[len(given) - 1]
+
+    monkeypatch.setattr(calibration, "reconstruct", invert)
+    monkeypatch.setattr(LearnedPrior, "gather_evidence", gather)
+    observed = calibration.observe(prior, shown)
+    assert [spec.name for _, _, spec in given] == ["skimage", "paper", "opencv"]
+    for (image, descriptor, spec), expected, whole in zip(given, images, wholes, strict=True):
+        assert torch.equal(image, expected)
+        assert torch.equal(descriptor, hog(whole, spec))
+    assert observed.log_odds.tolist() == [-1, 0, 1]
+    assert observed.right.tolist() == right
+    assert torch.equal(observed.agreement, torch.cat([each.agreement.flatten() for each in evidence]).double())
+    bright, truly = (torch.cat([smooth_regions(image) for image in each]) > 0 for each in (images, wholes))
+    same, other, side = bright == truly
+    assert torch.equal(observed.regions_right, torch.cat([same, ~other, side]).flatten().double())
+    assert (float(same.double().mean()), float(other.double().mean())) == (1, 0)
+    assert 0.1 < float(side.double().mean()) < 0.9
+    weights = torch.tensor([0.5**0.5, 0.5**0.5, 1.0], dtype=torch.float64)
+    assert_close(observed.weights, weights)
+    assert_close(observed.region_weights, (weights / 512).repeat_interleave(512))
 
 
 def observations(log_odds: Tensor, right: float, agreement: Tensor | None = None) -> Observations:

@@ -102,6 +102,19 @@ def test_a_vector_of_a_preset_is_recognised(name: str) -> None:
     assert (first.preset, dict(first.parameters), first.image_size) == (name, {}, (128, 64))
 
 
+@pytest.mark.parametrize("orientations", [6, 8, 9, 12, 18])
+def test_usual_numbers_of_orientations_are_recognised(orientations: int) -> None:
+    vector = skimage(photograph(), cells_per_block=(2, 2), orientations=orientations)
+    found = which_hog(vector, dialects={"skimage": {"cells_per_block": (2, 2)}})
+    assert found.decided_by
+    assert (found.candidates[0].spec.bins, found.candidates[0].image_size) == (orientations, (128, 64))
+
+
+def test_sizes_that_the_order_excludes_are_still_named() -> None:
+    sizes = {each.image_size for each in recognise("dalal_triggs").candidates if not each.parameters}
+    assert {(128, 64), (64, 128)} < sizes
+
+
 def test_five_decimals_of_a_small_image_are_recognised() -> None:
     found = which_hog(blocks("coffee", 64, 64).round(5))
     assert found.decided_by
@@ -199,6 +212,7 @@ def test_opencv_windows_in_one_row(size: tuple[int, int], count: int) -> None:
     first = found.candidates[0]
     assert f"reshape({count}, 3780)" in found.decided_by
     assert (first.preset, dict(first.parameters), first.image_size, first.count) == ("opencv", {}, (128, 64), count)
+    assert count != 2 or (128, 120) in {each.image_size for each in found.candidates[1:]}
 
 
 def test_windows_with_nothing_in_common_are_asked_about() -> None:

@@ -12,7 +12,7 @@ import torch
 
 from nablahog import hog
 from nablahog.invert.prior.choice import default_prior_file
-from nablahog.paper.learned import SPEC, load, shipped_files
+from nablahog.paper.learned import SPEC, load, shipped_files, tiles
 from nablahog.paper.methods import METHODS, ReconstructionMethod, Table1Settings, choose
 from nablahog.paper.names import (
     DIALECTS,
@@ -119,6 +119,16 @@ def test_choosing() -> None:
         choose([*two, "uoctti-learned"], [])
     with pytest.raises(ValueError, match="uses a file of prior; these do: uoctti-learned"):
         choose(two, ["prior"])
+
+
+def test_tiles_overlap_by_half_in_images_and_in_these_at_half_their_size() -> None:
+    down, across = ((torch.arange(n) + 0.5) / n / 2 for n in (23, 31))
+    image = down[:, None] + across
+    squares = tiles({"a": image}, 8)
+    assert {square.shape for square in squares.values()} == {(8, 8)}
+    assert len(squares) == 4 * 6 + 1 * 2
+    assert torch.equal(squares["a, 1/1, 12, 20"], image[12:20, 20:28])
+    assert float(squares["a, 1/2, 0, 4"].mean()) == pytest.approx((4 / 11 + 8 / 15) / 2, abs=5e-3)
 
 
 def test_the_seed_decides() -> None:

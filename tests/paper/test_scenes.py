@@ -147,10 +147,12 @@ def test_blur_exposure_and_gamma() -> None:
 def test_settings_are_checked() -> None:
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"height": (140, 100)}, "height must be .* a range from low to high"),
-        ({"occlusion": 1.5}, "occlusion, .* must lie in 0…1"),
-        ({"distance": (0.9, 2)}, "distance must be above 1"),
+        *(({name: 1.5}, "occlusion, .* must lie in 0…1") for name in ("occlusion", "tint", "shadow", "gloss")),
+        *(({name: (0.5, 1.5)}, "occlusion, .* must lie in 0…1") for name in ("ambient", "occluded")),
+        ({"distance": (1, 2)}, "distance must be above 1"),
         ({"size": 100}, "height between 1 and size - 12"),
-        ({"gamma": (0, 1)}, "gamma must be above 0"),
+        ({"height": (0.5, 100)}, "height between 1 and size - 12"),
+        *(({name: (0, 1)}, "gamma must be above 0") for name in ("occluded", "zoom", "gamma")),
         ({"jpeg": (1, 95.5)}, "jpeg must be .* or lie in 1…95"),
         ({"jpeg": (0, 50)}, "jpeg must be .* or lie in 1…95"),
         ({"jpeg": (0.5, 95)}, "jpeg must be .* or lie in 1…95"),
@@ -158,7 +160,8 @@ def test_settings_are_checked() -> None:
     for changes, message in wrong:
         with pytest.raises(ValueError, match=message):
             SceneSettings(**changes)
-    SceneSettings(jpeg=(1, 95))
+    SceneSettings(jpeg=(1, 95), occlusion=1, tint=1, shadow=1, gloss=1, ambient=(0, 1), occluded=(0.1, 1))
+    SceneSettings(size=112, height=(1, 100))
 
 
 def test_viewpoints_and_photographs_are_checked() -> None:

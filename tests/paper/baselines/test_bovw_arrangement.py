@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
-from nablahog.paper.baselines.bovw_arrangement import Costs, arrange
+from nablahog.paper.baselines.bovw_arrangement import BLUR, PLACE_SMOOTHING, RIDGE, SIMILARITY, Costs, arrange
 
 
 def test_costs_of_pairs() -> None:
@@ -35,6 +36,27 @@ def test_costs_of_places() -> None:
         rows, cols = np.indices((2, 3))
         own, others = (result[np.array(words), rows, cols].mean() for words in (of, absent))
         assert own < others - 0.1
+
+
+def test_costs_of_places_are_those_of_ridge_regression_without_a_kernel() -> None:
+    """On the products of all pairs of features, whose inner product is the squared cosine, about the mean."""
+    rng = np.random.default_rng(0)
+    database, vocabulary = rng.integers(12, size=(8, 3, 4)), 0.3 * rng.random((12, 3))
+    counts = np.array([np.bincount(each.ravel(), minlength=12) for each in database])
+    roots = np.sqrt(counts) * np.log((8 + 1) / ((counts > 0).sum(0) + 1))
+    features = roots / np.linalg.norm(roots, axis=1, keepdims=True)
+    products = np.einsum("ni,nj->nij", features, features).reshape(8, -1)
+    present = (database[:, None] == np.arange(12)[:, None, None]).reshape(8, -1).astype(float)
+    deviations = products.T @ (present - present.mean(0))
+    regression = np.linalg.solve(products.T @ products + RIDGE * np.eye(144), deviations)
+    similar = np.exp(-np.square(vocabulary[:, None] - vocabulary).sum(2) / SIMILARITY)
+    similar /= similar.sum(1, keepdims=True)
+    for histogram, pairs in zip(counts, products, strict=True):
+        places = similar.T @ (present.mean(0) + pairs @ regression).reshape(12, -1)
+        smooth = gaussian_filter(places.reshape(12, 3, 4), (0, BLUR, BLUR), mode="nearest").clip(min=0)
+        by_chance = similar.T @ (counts.sum(0) / counts.sum())
+        expected = -np.log(smooth / by_chance[:, None, None] + PLACE_SMOOTHING)
+        np.testing.assert_allclose(Costs(database, vocabulary).location(histogram.astype(float)), expected)
 
 
 def _problem(seed: int, rows: int = 5, cols: int = 4) -> tuple[Any, Any, Costs]:

@@ -137,6 +137,14 @@ def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeyp
     assert not torch.equal(one.image, net.reconstruct(descriptor[1:], seed=1).image)
 
 
+def test_the_published_schedule_and_priors() -> None:
+    """Of the paper's quantitative experiments, and of its code, `invert_nn.m`."""
+    assert cnn_hog.LEARNING_RATES == (4e-3, 4e-4, 4e-5, 4e-6)
+    assert (cnn_hog.RATE_ITERATIONS, cnn_hog.MOMENTUM) == (200, 0.9)
+    assert (cnn_hog.NORM_POWER, cnn_hog.NORM_WEIGHT, cnn_hog.SMOOTHNESS) == (6, 8e-10, 1)
+    assert pytest.approx(68.92, abs=0.01) == cnn_hog.NOISE  # a norm of 27098.1 over 227x227 pixels of three channels
+
+
 def test_refusals() -> None:
     with pytest.raises(ValueError, match="whole cells of 8 pixels, at least two each way, got 16x20 pixels"):
         CNNHOG().descriptor(torch.zeros(1, 1, 16, 20))
