@@ -40,6 +40,8 @@ def test_annotated_objects(photographs: Path) -> None:
     assert (first.azimuth, first.elevation, first.theta, first.model) == (317.5, 20, -3.5, "chair")
     assert (second.name, second.azimuth, second.model) == ("more/b.png#2", 40, None)
     assert len(read_annotations(path, limit=1)) == 1
+    least, most = read_annotations(_csv(photographs, f"{HEADS}\na.png,0,0,8,8,0,0,0,\na.png,-1,-1,161,121,0,0,0,"))
+    assert (least.box, most.box) == ((0, 0, 8, 8), (0, 0, 160, 120))
 
 
 def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
@@ -67,7 +69,11 @@ def test_annotations_that_are_refused(photographs: Path) -> None:
         (dict.fromkeys(("x0", "y0", "x1", "y1"), ""), "column x0: expected a box, got none"),
         ({"y1": "nan"}, "column y1 must be a finite number, got nan"),
         ({"x1": 15}, "column x1: expected a box of at least 8x8 pixels"),
-        ({"y1": 121.1}, r"column x0: the box must lie in the image of 120x160 pixels \(height x width\)"),
+        ({"x1": 17.9}, "column x1: expected a box of at least 8x8 pixels"),
+        *(
+            (beyond, r"column x0: the box must lie in the image of 120x160 pixels \(height x width\)")
+            for beyond in ({"x0": -1.1}, {"y0": -1.1}, {"x1": 161.1}, {"y1": 121.1})
+        ),
         ({"elevation": 95}, "column elevation must be a finite number in -90 … 90, got 95"),
         ({"model": "sofa"}, "column model: expected one of one, two, got 'sofa'"),
     ]

@@ -159,6 +159,8 @@ def test_another_look_changes_the_image_only() -> None:
     plain, shaded = _made("exact", 2), _made("renderer", 2)
     assert (_pose(shaded), shaded.box, shaded.initial) == (_pose(plain), plain.box, plain.initial)
     assert not torch.equal(shaded.image, plain.image)
+    settings = CONDITIONS["renderer"].settings
+    assert (settings.shadow > 0, settings.gloss > 0, settings.jpeg) == (True, True, (20, 50))
 
 
 def test_conditions_of_photographs() -> None:

@@ -38,9 +38,9 @@ def test_record(tmp_path: Path) -> None:
         _object((1, 2, 3, 4), COARSE, category="sofa", cad=np.zeros((0, 0))),
         _object((1, 2, 3, 4), np.zeros((0, 0))),
         _object((1, 2, 3, 4), {**FINE, "azimuth": np.zeros((0, 0)), "elevation_coarse": 16}),
-        _object((1, 2, 3, 4), {"distance": 0}),
+        _object((1, 2, 3, 4), {"distance": 0}, cad=1),
         _object((1, 2, 3, 4), {"azimuth": 5, "elevation": float("nan"), "distance": 1}),
-        _object((1, 2, 3, 4), "none"),
+        _object((1, 2, 3, 4), "none", cad=0),
     )
     result = read_record(path)
     assert (result[0].category, result[0].box, result[0].cad) == ("chair", (281, 235, 365, 348), 3)
@@ -49,6 +49,7 @@ def test_record(tmp_path: Path) -> None:
     assert (result[1].viewpoint, result[1].coarse) == ((315.0, 10.0, 0.0), True)
     assert (result[3].viewpoint, result[3].coarse) == ((315.0, 16.0, -3.5), True)
     assert [result[k].viewpoint for k in (2, 4, 5, 6)] == [None] * 4
+    assert [result[k].cad for k in (4, 6)] == [1, None]
 
 
 def test_refused_records(tmp_path: Path) -> None:
@@ -115,6 +116,15 @@ def test_the_selection(published: tuple[Path, Path]) -> None:
     assert abs(result.objects[0].image[0].numpy() - expected).max() < 4 / 255
 
 
+@pytest.mark.parametrize(("bottom", "is_same"), [(120, True), (121, False)])
+def test_boxes_of_which_half_is_common_are_of_one_object(
+    published: tuple[Path, Path], bottom: int, is_same: bool
+) -> None:
+    records = published[1] / "Annotations" / "chair_pascal"
+    _write_record(records / "a.mat", _object((21, 41, 70, bottom), FINE), _object((11, 1, 120, 110), FINE))
+    assert ("a#3" in [each.name for each in read_pascal3d(*published).objects]) == is_same
+
+
 def test_nothing_to_select(published: tuple[Path, Path]) -> None:
     voc, pascal3d = published
     for listed, message in (
@@ -164,6 +174,8 @@ def test_annotation(tmp_path: Path) -> None:
         VOCObject("chair", (0, 19, 30, 375), "difficult"),
         VOCObject("sofa", (44.70000076293945, 1, 50.5, 9), None),
     ]
+    path.write_text(ANNOTATION.replace(">375<", ">999999<"))
+    assert read_annotation(path)[0].box.y1 == 999999
 
 
 def test_refused_annotations(tmp_path: Path) -> None:
@@ -175,6 +187,7 @@ def test_refused_annotations(tmp_path: Path) -> None:
         ('<!DOCTYPE annotation SYSTEM "file:///etc/passwd"><annotation/>', "a document type is refused"),
         ('<?xml version="1.0" encoding="none"?><annotation/>', "unknown encoding"),
         (ANNOTATION.replace(">20<", ">nan<"), "ymin of a box is 'nan'"),
+        (ANNOTATION.replace(">20<", ">1000000<"), "ymin of a box is '1000000'"),
         (ANNOTATION + " " * 2**20, "it has more than 1,048,576 bytes"),
     ):
         path.write_text(text)

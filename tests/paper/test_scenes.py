@@ -58,6 +58,13 @@ def test_poses_come_from_the_viewpoints() -> None:
         assert made.initial[2:].tolist() == [3.25, 0, 0, 0]
 
 
+def test_initial_elevations_and_boxes_stay_in_their_ranges() -> None:
+    steep, rough = np.array([[30.0, 89.9, 0], [200, -89.9, 0]]), replace(CLEAN, box_jitter=1)
+    made = [scene(index, MODELS, steep, [RAMP], settings=rough) for index in range(12)]
+    assert {float(each.initial[1]) for each in made if abs(each.initial[1]) >= 90} == {90, -90}
+    assert all(0 <= side <= 96 for each in made for side in each.box)
+
+
 @pytest.mark.slow
 def test_box_errors_have_the_given_size() -> None:
     settings = replace(CLEAN, size=256, box_jitter=0.02)

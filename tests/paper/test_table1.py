@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from nablahog.jobs.store import JobResult
+from nablahog.jobs.worker import attempt
 from nablahog.paper import table1, table1_page
 from nablahog.paper.methods import METHODS, Table1Settings
 
-from .common import made, photographs, write_prior
+from .common import job, made, photographs, write_prior
 from .fakes import BRIGHT, DARK, MISTAKEN
 
 
@@ -22,9 +25,18 @@ def test_done_once(tmp_path: Path, calls: list[str]) -> None:
     assert calls == ["mistaken"] * 3  # failures are no results
     assert second.figures == first.figures
     assert second.seconds == first.seconds
+    seconds = first.seconds["dark"].values()
+    assert [line.seconds for line in first.table_rows()] == [pytest.approx(sum(seconds) / 3), None]
     calls.clear()
     made(tmp_path, photographs(4), DARK, BRIGHT)
     assert sorted(calls) == ["dark"] + ["uoctti-single"] * 4
+
+
+def test_the_seconds_are_those_that_passed() -> None:
+    began = time.perf_counter()
+    result = attempt(job(BRIGHT))
+    assert isinstance(result, JobResult)
+    assert 0 < result.seconds < time.perf_counter() - began
 
 
 def test_remarks_on_what_a_prior_has_seen(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,7 @@ def test_what_cannot_be_learned_from() -> None:
         options = {"images": {"a": camera}, "words": WORDS, "cell": CELL, "patch": PATCH, **changed}
         with pytest.raises(ValueError, match=message):
             learn_bovw(**options)
+    assert len(learn_bovw({"a": camera[:20, :20]}, words=9, cell=CELL, patch=PATCH).vocabulary) == 8  # none is flat
 
 
 # --- inversion
@@ -171,12 +173,13 @@ def test_inversion_of_what_was_learned(learned: BoVW) -> None:
 
 
 def test_the_history_is_that_of_the_cost(learned: BoVW) -> None:
+    began = time.perf_counter()
     result = learned.reconstruct(learned.histogram(_stack()))
+    assert 0 < result.seconds < time.perf_counter() - began
     assert result.history.shape == (int(result.evaluations.max()) + 1, 5)
     assert (result.history.diff(dim=0) <= 0).all()
     assert (result.history[-1, :4] < result.history[0, :4]).all()
     assert result.stop_reason == ["no swap of two words lowers the cost"] * 5
-    assert result.seconds > 0
 
 
 def test_a_batch_is_each_of_it(learned: BoVW) -> None:

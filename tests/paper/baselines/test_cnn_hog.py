@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 import torch
@@ -132,7 +134,9 @@ def test_a_batch_is_its_images_and_the_seed_decides(photographs: Tensor, monkeyp
     monkeypatch.setattr(cnn_hog, "RATE_ITERATIONS", 5)  # a long descent amplifies rounding, which depends on the batch
     net = CNNHOG(8, bilinear=True)
     descriptor = net.descriptor(photographs[..., :24, :24].double())
+    began = time.perf_counter()
     both, one = net.reconstruct(descriptor), net.reconstruct(descriptor[1:])
+    assert 0 < both.seconds + one.seconds < time.perf_counter() - began
     torch.testing.assert_close(both.image[1:], one.image, rtol=0, atol=1e-6)
     assert not torch.equal(one.image, net.reconstruct(descriptor[1:], seed=1).image)
 

@@ -60,6 +60,8 @@ def test_viewpoints_of_the_released_code() -> None:
     assert poses.shape == (62, 6)
     assert len(poses.unique(dim=0)) == 62
     assert (poses[:, 2] == 2).all()
+    assert poses[:, 1].unique().tolist() == [20, 30]
+    assert pytest.approx(290.55, abs=0.01) == learning.FOCAL  # 300 pixels at 54.611°
 
 
 def test_what_they_are_is_said_in_a_line(views: ExemplarViews) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+import time
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from torch import Tensor
 
 from nablahog import hog, presets
 from nablahog.hog import HOGSpec
+from nablahog.paper.baselines import hoggles_learning as learning
 from nablahog.paper.baselines.hoggles import PairedDictionary, hog_windows, positive_lasso, unit
 from nablahog.paper.baselines.hoggles_learning import learn_hoggles
 
@@ -114,7 +116,9 @@ def test_a_batch_is_its_images(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_to_invert() -> None:
-    result = _learned().reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
+    pair, began = _learned(), time.perf_counter()
+    result = pair.reconstruct(torch.zeros(1, 6, 8, 31), SPEC)
+    assert 0 < result.seconds < time.perf_counter() - began
     assert torch.equal(result.image, torch.full((1, 1, 24, 32), 0.5))
 
 
@@ -210,11 +214,19 @@ def test_an_interrupted_learning_is_resumed_with_the_same_result(
     assert result.learning == undisturbed.learning
 
 
+def test_the_published_numbers() -> None:
+    """Of the authors' `learnpairdict`."""
+    assert (learning.ATOMS, learning.SPARSITY, learning.LEARNING_STEPS) == (1024, 0.02, 1000)
+    assert (learning.STEP_WINDOWS, learning.TRAINING_WINDOWS) == (400, 1_000_000)
+
+
 def test_what_cannot_be_learned_from() -> None:
-    camera = photograph(64)[0, 0]
+    camera, margin = photograph(64)[0, 0], torch.zeros(28, 28)
+    margin[0, 0] = 1  # seen by the patch alone
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"images": {"a": camera[:27]}}, "a must have at least 28x28 pixels, got 27x64"),
         ({"images": {"a": torch.full((64, 64), 0.5)}}, "at least 5 windows of 5x5 cells .* got 0 of 100"),
+        ({"images": {"a": margin}, "atoms": 1}, "at least 1 windows of 5x5 cells .* got 0 of 1"),
         ({"atoms": 0}, "atoms must be at least 1, got 0"),
         ({"sparsity": float("nan")}, "sparsity must be a finite number above 0, got nan"),
         ({"spec": presets.dpm()}, "one entry for each cell: dpm has blocks"),
