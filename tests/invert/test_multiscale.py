@@ -12,7 +12,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from nablahog import HOGSpec, hog, presets
-from nablahog.invert import Level, Objective, Search, multiscale, reconstruct_multiscale, scale_descriptors
+from nablahog.invert import AsPublished, Level, Objective, Search, multiscale, reconstruct_multiscale, scale_descriptors
+from nablahog.invert.multiscale import _choose_level_settings
 from nablahog.invert.reconstruction import find_negatives, negate
 from nablahog.invert.scales import SCALES, level_spec
 
@@ -207,3 +208,18 @@ def test_refused_input() -> None:
     for inputs, options, says in wrong:
         with pytest.raises(ValueError, match=says):
             reconstruct_multiscale(inputs, PAPER, **options, prior=None)
+
+
+def test_budgets_of_levels() -> None:
+    """A quarter of the last level's, at most 120 evaluations."""
+    spec = presets.uoctti(8)
+    descriptor = torch.zeros(1, 4, 4, 31)
+
+    def budgets(search: Search, published: AsPublished | None = None) -> list[int]:
+        levels = _choose_level_settings([descriptor] * 3, True, spec, None, (16, 4, 1), search, published)
+        return [level.most for level in levels]
+
+    for most, coarse in ((4, 2), (100, 25), (480, 120), (600, 120)):
+        assert budgets(Search(max_evaluations=most)) == [coarse, coarse, most]
+    for iterations, coarse in ((1, 1), (9, 2), (40, 10)):
+        assert budgets(Search(), AsPublished(iterations=iterations)) == [coarse, coarse, iterations]

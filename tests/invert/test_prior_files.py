@@ -15,6 +15,7 @@ from nablahog import hog, reconstruct
 from nablahog.hog import FourBlockNorm
 from nablahog.invert import default_prior, reconstruct_samples
 from nablahog.invert.prior.choice import PRIOR_FOLDER
+from nablahog.invert.prior.confidence import check_calibration
 
 from ..io import tiny_models
 from ..io.archives import check_refused
@@ -110,3 +111,11 @@ def test_the_readme_says_where_the_packages_priors_are_from(spec: str) -> None:
     assert f"seed {prior.learning.seed}" in readme
     assert prior.learning.start in readme
     assert sum(file.stat().st_size for file in PRIOR_FOLDER.glob("*.npz")) <= 16 * 10**6
+
+
+def test_calibrations_at_their_limits() -> None:
+    for numbers in ((), (0.0, 0.0, -1.0, -1.0), (9.0, 1.0, 0.0, 0.0)):
+        check_calibration(numbers)
+    for numbers in ((-0.1, 0.5, 0.0, 0.0), (1.0, -0.1, 0.0, 0.0), (1.0, 1.1, 0.0, 0.0), (1.0, 1.0, 0.0)):
+        with pytest.raises(ValueError, match="the calibration must be 4 finite numbers"):
+            check_calibration(numbers)

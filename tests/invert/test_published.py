@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Objective, Search, default_prior, scale_descriptors
-from nablahog.invert.published import DIAGONAL_SHARE, PublishedObjective
+from nablahog.invert.published import DIAGONAL_SHARE, PublishedObjective, _centre, choose_smoothness
 
 from .photographs import photograph
 
@@ -168,3 +168,15 @@ def test_options_of_the_default_method_are_refused() -> None:
     }.items():
         with pytest.raises(ValueError, match=f"{name} is an option of the default method"):
             reconstruct(hog(torch.rand(1, 1, 16, 16), SPEC), SPEC, method="paper", **{name: value})  # type: ignore[arg-type]
+
+
+def test_the_default_smoothness() -> None:
+    assert choose_smoothness(AsPublished(), presets.uoctti()) == 100
+    assert choose_smoothness(AsPublished(), presets.paper()) == 0.3
+
+
+def test_starts_have_the_contrast_of_the_noise() -> None:
+    grain, images = 1e-4 * torch.randn(1, 16, 16), torch.rand(2, 1, 16, 16)
+    centred = _centre(images, grain, presets.uoctti(8))
+    torch.testing.assert_close(centred.square().mean(dim=(1, 2, 3)), grain.square().mean().expand(2))
+    torch.testing.assert_close(_centre(0.3 + images / 2, grain, presets.uoctti(8)), centred, atol=1e-8, rtol=1e-3)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from nablahog import HOGSpec, hog, presets, reconstruct, reconstruct_multiscale
 from nablahog.invert import AsPublished, Iterate, Objective, Reconstruction, Search
-from nablahog.invert.arguments import find_quality
+from nablahog.invert.arguments import check_descriptor, find_quality
 from nablahog.invert.histograms import recover_histograms
 from nablahog.invert.prior.terms import GrayRange
 from nablahog.invert.reconstruction import find_negatives, negate
@@ -234,6 +234,7 @@ def test_a_result_shows_its_figures_and_in_a_notebook_its_images() -> None:
     result = reconstruct(descriptor, "uoctti", search=few, prior=None)
     shown = r"<Reconstruction image 5x1x16x16, distance ([\d.e-]+, ){4}…, [\w ,]+, \d+\.\d s>"
     assert re.fullmatch(shown, repr(result))
+    assert "…" not in repr(reconstruct(descriptor[:4], "uoctti", search=few, prior=None))
     page = result._repr_html_()
     assert page.count("<img ") == 4
     png = PIL.Image.open(io.BytesIO(base64.b64decode(page.split("base64,")[1].split('"')[0])))
@@ -274,6 +275,16 @@ def test_refused_input() -> None:
     for descriptor, spec, options, says in wrong:
         with pytest.raises(ValueError, match=says):
             reconstruct(descriptor, spec, **options, prior=None)
+
+
+def test_default_budgets() -> None:
+    """Evaluations with samples, without, and with a signed prior; and samples."""
+    assert find_quality("best")[:4] == (660, 480, 200, 4)
+    assert find_quality("fast")[:4] == (80, 80, 80, 2)
+
+
+def test_the_largest_entries() -> None:
+    assert check_descriptor(torch.full((1, 4, 4, 9), 1e6), PAPER, None) == (32, 32)
 
 
 def test_options_out_of_range() -> None:

@@ -23,7 +23,7 @@ from nablahog.invert.prior.confidence import Calibration, SignEvidence, smooth_r
 from nablahog.invert.prior.provenance import digest_of_weights
 from nablahog.invert.prior.signed_network import Architecture, ResidualBlock
 from nablahog.invert.prior.training import default_precision, learning_rates
-from nablahog.invert.prior.training_windows import HELD_OUT, SignedTraining, UnsignedTraining
+from nablahog.invert.prior.training_windows import HELD_OUT, SignedTraining, UnsignedTraining, WindowTraining
 from nablahog.invert.prior.unsigned_network import UnsignedNetwork
 from nablahog.io.learned_model import fold_statistics, unfold_statistics
 
@@ -144,6 +144,22 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
         path.write_bytes(damaged)
         with pytest.raises(ValueError, match="no checkpoint of a training"):
             trained(images, epochs=1, checkpoint=path)
+
+
+@pytest.mark.parametrize(("kind", "windows"), [("signed", 90_000), ("unsigned", 300_000)])
+def test_windows_of_a_training_by_default(
+    images: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch, kind: str, windows: int
+) -> None:
+    monkeypatch.setattr(WindowTraining, "batches", lambda self, epoch: iter([None]))
+    totals: list[int] = []
+
+    def stop(done: int, total: int, what: str) -> None:
+        totals.append(total)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        trained(images, kind, epochs=None, progress=stop)
+    assert totals == [windows // 2]  # of two to a step
 
 
 def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:
@@ -282,6 +298,22 @@ def test_windows_turned_by_nothing_stay_as_they_are(monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(training_windows, name, value)
     windows = torch.rand(3, 1, 16, 24, generator=torch.Generator().manual_seed(0))
     assert_close(training_windows._turn(windows, random.Random(0)), windows, atol=1e-4, rtol=0)
+
+
+def test_windows_are_turned_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spots stay as far from the middle as they are, of windows that are not square."""
+    monkeypatch.setattr(training_windows, "TURNED_SHARE", 1.0)
+    monkeypatch.setattr(training_windows, "MAX_STRETCH", 0.0)
+    rng = random.Random(0)
+    monkeypatch.setattr(rng, "uniform", lambda low, high: high)
+    y, x = torch.meshgrid(torch.arange(64) - 31.5, torch.arange(96) - 47.5, indexing="ij")
+    for down, right in ((0, 30), (20, 0), (15, 25)):
+        spot = torch.exp(-((y - down) ** 2 + (x - right) ** 2) / 8)
+        turned = training_windows._turn(spot[None, None], rng)[0, 0]
+        at = [float((turned * axis).sum() / turned.sum()) for axis in (y, x)]
+        assert math.hypot(*at) == pytest.approx(math.hypot(down, right), abs=0.2)
+        angle = math.degrees(math.atan2(at[0], at[1]) - math.atan2(down, right))
+        assert abs(angle) == pytest.approx(12, abs=0.5)
 
 
 def test_windows_are_enlarged_only_from_photographs_that_are_too_small() -> None:

@@ -87,6 +87,7 @@ def test_a_vector_is_recognised(name: str) -> None:
     first = found.candidates[0]
     assert found.decided_by
     assert (first.preset, dict(first.parameters), first.image_size) == (preset, parameters, (128, 64))
+    assert first.summary.endswith(" of 128x64")
 
 
 @cache
@@ -158,6 +159,11 @@ def test_asked_about(name: str) -> None:
 def test_the_most_descriptors_in_one_row(count: int, is_tried: bool) -> None:
     found = which_hog(np.concatenate([blocks("coffee", 64, 64)] * count))
     assert (f"reshape({count}, 1764)" in found.remark) == is_tried
+
+
+def test_one_number_is_not_said_to_equal_others() -> None:
+    assert which_hog(np.full(1, 0.5)).remark == ""
+    assert "equal" in which_hog(np.full(2, 0.5)).remark
 
 
 def test_of_rounded_numbers_the_shape_tells() -> None:
