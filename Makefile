@@ -46,7 +46,7 @@ sanitize:  ## the tests of the compiled loops under AddressSanitizer and Undefin
 docs:  ## the site, build/docs/html/index.html, without a network
 	$(bin)/python -m sphinx --builder html --nitpicky --fail-on-warning --keep-going --quiet \
 	    --doctree-dir build/docs/doctrees docs build/docs/html
-	$(bin)/python -m docs.check_links build/docs/html
+	$(bin)/python -m docs.check_site build/docs/html
 
 coverage:  ## test and slow, with the lines that no test runs
 	$(bin)/python -m pytest -m "not xslow" --cov=nablahog --cov-report=term-missing:skip-covered

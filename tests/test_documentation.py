@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
+from PIL import Image
 
-from docs import check_links
+from docs import check_site
 from nablahog.runtime.extras import INSTALL_COMMANDS, PACKAGES
 
 ROOT = Path(__file__).parents[1]
@@ -59,20 +61,36 @@ def test_install_commands_of_the_pages() -> None:
 
 
 def test_dead_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["check_links", str(tmp_path)])
+    monkeypatch.setattr(sys, "argv", ["check_site", str(tmp_path)])
     (tmp_path / "b.html").write_text('<h1 id="here">b</h1><a href="https://example.org">elsewhere</a>')
     page = tmp_path / "a.html"
     page.write_text('<a href="b.html#here">b</a><a href="#top" id="top">a</a><img src="b.html">')
-    assert check_links.main() == 0
-    assert capsys.readouterr().out == "2 pages, 3 links, 0 dead\n"
-    check_links.page.cache_clear()
+    assert check_site.main() == 0
+    assert "0 dead" in capsys.readouterr().out
+    check_site.page.cache_clear()
     page.write_text(
         '<a href="b.html#there">b</a><a href="c.html">c</a><script src="https://example.org/x.js"></script>'
     )
-    assert check_links.main() == 1
+    assert check_site.main() == 1
     assert capsys.readouterr().out.splitlines() == [
         "a.html loads https://example.org/x.js",
         "a.html: no file c.html",
         "a.html: no place b.html#there",
-        "2 pages, 3 links, 3 dead",
+        "2 pages, 3 links, 3 dead, 0 pictures missing or empty",
+    ]
+
+
+def test_empty_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["check_site", str(tmp_path)])
+    (tmp_path / "_images").mkdir()
+    for name, levels in (("white", [255, 255]), ("faint", [155, 255]), ("drawn", [154, 255])):
+        Image.fromarray(np.uint8([levels])).save(tmp_path / "_images" / f"sphx_glr_plot_{name}_001.png")
+    for name in ("white", "faint", "drawn", "a"):
+        picture = f'<img src="_images/sphx_glr_plot_{name}_001.png">'
+        (tmp_path / f"plot_{name}.html").write_text(picture if name != "a" else "")
+    assert check_site.main() == 1
+    assert [line.partition(":")[0] for line in capsys.readouterr().out.splitlines()[:-1]] == [
+        "plot_a.html",
+        "plot_faint.html",
+        "plot_white.html",
     ]

@@ -1,6 +1,6 @@
 """The scripts of the gallery and the tutorials run without a warning, and each shows pictures with something on them.
 
-Building the pages runs all of them, too; `pytest -m xslow` runs the longest.
+Building the pages, which `.ci/run` does, runs them, too, and looks at their pictures.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import torch
 
 DOCS = Path(__file__).parent.parent / "docs"
 SCRIPTS = {path.stem: path for folder in ("gallery", "tutorials") for path in sorted((DOCS / folder).glob("*.py"))}
-LONG = {"plot_invert_table1", "plot_train_maskfeat", "plot_2_network"}
 
 
 @pytest.fixture
@@ -36,9 +35,8 @@ def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.xslow] if name in LONG else []) for name in SCRIPTS]
-)
+@pytest.mark.xslow
+@pytest.mark.parametrize("name", SCRIPTS)
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of tensors, which Matplotlib reads
 def test_it_shows_something(name: str, pyplot: ModuleType) -> None:
     if "svm" in name:

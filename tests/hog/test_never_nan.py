@@ -22,37 +22,24 @@ def one_pixel(level: float, by: float) -> Tensor:
     return x
 
 
-IMAGES = [
-    torch.cat(
-        [
-            torch.zeros(1, 3, 8, 8, dtype=DOUBLE),
-            one_pixel(0.5, 2e-7),
-            integers(1, 3, 8, 8, levels=6),
-        ]
-    ),
-    noise(1, 3, 1, 1),  # whose descriptor is constant, which must not make backward() raise
-    noise(1, 1, 2, 2),
-]
-MORE_IMAGES = [
-    torch.cat(
-        [
-            torch.ones(1, 3, 8, 8, dtype=DOUBLE),
-            torch.full((1, 3, 8, 8), 0.3, dtype=DOUBLE),
-            one_pixel(0.5, 1 / 255),
-            integers(1, 3, 8, 8, levels=2),
-            torch.arange(8, dtype=DOUBLE).remainder(2).expand(1, 3, 8, 8),
-        ]
-    ),
-    torch.cat(  # gradients so small that their square underflows, or one over their square overflows
-        [
+FEW_IMAGES = torch.cat([torch.zeros(1, 3, 8, 8, dtype=DOUBLE), one_pixel(0.5, 2e-7), integers(1, 3, 8, 8, levels=6)])
+MORE_IMAGES = torch.cat(
+    [
+        torch.ones(1, 3, 8, 8, dtype=DOUBLE),
+        torch.full((1, 3, 8, 8), 0.3, dtype=DOUBLE),
+        one_pixel(0.5, 1 / 255),
+        integers(1, 3, 8, 8, levels=2),
+        torch.arange(8, dtype=DOUBLE).remainder(2).expand(1, 3, 8, 8),
+        # gradients so small that their square underflows, or one over their square overflows
+        *(
             size * image
             for size in (1e-8, 1e-15, 1e-20, 1e-30, 1e-40, 1e-70, 1e-155, 1e-280)
             for image in (noise(1, 3, 8, 8), one_pixel(0, 1))
-        ]
-    ),
-    noise(1, 3, 1, 9),
-    integers(1, 1, 9, 1, levels=3),
-]
+        ),
+    ]
+)
+ONE_PIXEL = noise(1, 3, 1, 1)  # its descriptor is constant, which must not make backward() raise
+SMALL_IMAGES = [noise(1, 1, 2, 2), noise(1, 3, 1, 9), integers(1, 1, 9, 1, levels=3)]
 
 
 def assert_finite_in_every_mode(x: Tensor, s: HOGSpec) -> None:
@@ -83,7 +70,8 @@ KINDS = [
 def test_never_nan(name: str) -> None:
     """In any dialect for some images; in one of each kind for all of them, in both precisions."""
     of_kind = name in KINDS
-    for images in [*IMAGES, *MORE_IMAGES] if of_kind else IMAGES:
+    all_images = [torch.cat([FEW_IMAGES, MORE_IMAGES]), ONE_PIXEL, *SMALL_IMAGES]
+    for images in all_images if of_kind else [FEW_IMAGES, ONE_PIXEL]:
         s = SPECS[name] if min(images.shape[-2:]) > 4 else sized(SPECS[name], (1, 1))
         if fits(s, *images.shape):
             for dtype in (torch.float32, torch.float64) if of_kind else (torch.float32,):
@@ -107,8 +95,9 @@ def test_tiny_gradients_have_the_derivatives_of_large_ones(
         assert (torch.func.jacrev(f)(size * at) == 0).all()
 
 
-@pytest.mark.parametrize("backend", ["auto", "torch"])
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize(
+    ("name", "backend"), [*((name, "auto") for name in SPECS), *((name, "torch") for name in KINDS)]
+)
 def test_pixel_that_is_not_finite_makes_its_image_nan(name: str, backend: Backend) -> None:
     """All of the descriptor, of the gradient and of the tangent, whatever the channel; no other image's."""
     s = SPECS[name]

@@ -1,6 +1,7 @@
-"""Checks that every link inside the built site leads somewhere, and that no page loads anything from elsewhere.
+"""Checks that every link inside the built site leads somewhere, that no page loads anything from elsewhere, and that
+each script of the gallery and the tutorials has drawn pictures with something on them.
 
-python -m docs.check_links build/docs/html
+python -m docs.check_site build/docs/html
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
+
+from PIL import Image
 
 LOADED = {"img": "src", "script": "src", "source": "src", "video": "src", "audio": "src", "iframe": "src"}
 LOADED_BY_LINK = {"stylesheet", "preload", "modulepreload", "icon", "preconnect", "dns-prefetch"}
@@ -63,8 +66,19 @@ def dead(site: Path, path: Path) -> Iterator[str]:
             yield f"{name}: no place {link}"
 
 
+def blank(site: Path, path: Path) -> Iterator[str]:
+    """What is wrong with the pictures that a script has drawn on its page."""
+    drawn = [load for load in page(path).loads if "/sphx_glr_" in load and not load.endswith("_thumb.png")]
+    if path.name.startswith("plot_") and not drawn:
+        yield f"{path.relative_to(site)}: no picture"
+    for load in drawn:
+        with Image.open(path.parent / unquote(load)) as picture:
+            if not any(high - low > 100 for low, high in picture.convert("RGB").getextrema()):
+                yield f"{path.relative_to(site)}: nothing on {load}"
+
+
 def main() -> int:
-    """Prints the dead links; the exit status is 1 if there are any."""
+    """Prints dead links and empty pictures; the exit status is 1 if there are any."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("site", type=Path, help="folder of the built site")
     site = parser.parse_args().site.resolve()
@@ -72,10 +86,11 @@ def main() -> int:
         path for path in site.rglob("*.html") if "_static" not in path.parts
     )  # there: templates of the theme
     wrong = sorted({line for path in pages for line in dead(site, path)})
-    print(*wrong, sep="\n", end="\n" if wrong else "")
+    empty = sorted({line for path in pages for line in blank(site, path)})
+    print(*wrong, *empty, sep="\n", end="\n" if wrong or empty else "")
     links = sum(len(page(path).links) for path in pages)
-    print(f"{len(pages)} pages, {links} links, {len(wrong)} dead")
-    return 1 if wrong or not pages else 0
+    print(f"{len(pages)} pages, {links} links, {len(wrong)} dead, {len(empty)} pictures missing or empty")
+    return 1 if wrong or empty or not pages else 0
 
 
 if __name__ == "__main__":
