@@ -14,6 +14,7 @@ from skimage import data, feature
 
 import nablahog
 from nablahog import presets, which_hog
+from nablahog.invert.orders import _difference_of_neighbours
 from nablahog.invert.which import MOST_NAMED, WhichHOG
 
 Array = NDArray[np.floating]
@@ -114,6 +115,11 @@ def test_usual_numbers_of_orientations_are_recognised(orientations: int) -> None
 def test_sizes_that_the_order_excludes_are_still_named() -> None:
     sizes = {each.image_size for each in recognise("dalal_triggs").candidates if not each.parameters}
     assert {(128, 64), (64, 128)} < sizes
+
+
+def test_cells_with_nothing_in_common_differ_by_twice_their_variance() -> None:
+    cells = np.random.default_rng(0).random((20, 24, 31), dtype=np.float32)
+    assert _difference_of_neighbours(which_hog(cells).candidates[0], cells) == pytest.approx(2, abs=0.05)
 
 
 def test_five_decimals_of_a_small_image_are_recognised() -> None:

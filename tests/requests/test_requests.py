@@ -15,7 +15,7 @@ from nablahog.app.messages import Fit, HogMessage, InvertMessage, PoseMessage, R
 from nablahog.cli.arguments.options import build_request
 from nablahog.cli.main import parser
 from nablahog.requests.inversion import GlyphRequest, HogRequest, InvertRequest
-from nablahog.requests.options import FLAG, Option, list_options, words
+from nablahog.requests.options import FLAG, Option, list_options, number, words
 from nablahog.requests.pose import PoseRequest
 
 COMMANDS = {"hog": HogRequest, "glyph": GlyphRequest, "invert": InvertRequest, "pose": PoseRequest}
@@ -173,3 +173,7 @@ def test_sizes_on_the_page(message: type, most: int) -> None:
 def test_the_page_keeps_ranges_and_choices(text: str) -> None:
     with pytest.raises(RequestError, match="must be"):
         decode(text, InvertMessage)
+
+
+def test_numbers_say_from_where_on_they_are() -> None:
+    assert (number("X", least=2, most=3).least, number("X", above=-1).least, number("X").least) == (2, -1, None)

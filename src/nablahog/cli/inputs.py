@@ -206,7 +206,6 @@ def read_template_inputs(arguments: Namespace, request: GlyphRequest) -> Inputs:
 
 def _signed(template: Source, stem: str, sign: str) -> Source:
     """Raises ValueError if the template has no weights of this sign."""
-    weights = SIGNS[sign] * template.descriptor
-    template_descriptor(weights[None], template.spec, template.image_size)
+    template_descriptor(template.descriptor[None], template.spec, template.image_size, negative=sign == "negative")
     part = f"{template.part}, {sign} weights" if template.part else f"{sign} weights"
-    return replace(template, stem=f"{stem}_{sign}", descriptor=weights, part=part)
+    return replace(template, stem=f"{stem}_{sign}", descriptor=SIGNS[sign] * template.descriptor, part=part)

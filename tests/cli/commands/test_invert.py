@@ -213,6 +213,9 @@ def test_refusals(tmp_path: Path, people: str, refused: Callable[..., None]) -> 
     refused("invert", str(text), *command, message=f"{text}: expected a model of voc-release5 (.mat), a HOG")
     refused("invert", str(odd), *command, "--preset", "opencv", message="odd.npy: the opencv descriptor")
     refused("invert", str(nothing), *command, message="has no positive weights of edges")
+    np.save(nothing, np.ones(3780))
+    refused("invert", str(nothing), *command, message="has no negative weights of edges")
+    assert not any((tmp_path / "out").glob("*"))  # of neither sign
     refused(
         "invert",
         people,

@@ -34,7 +34,7 @@ def _interpolate_axis(pixels: int, resized: int) -> tuple[NDArray[np.int32], NDA
     before = np.floor(position)
     inside = (before >= 0) & (before < pixels - 1)
     weight = np.where(inside, np.rint((position - before) * 256), 0)
-    return np.clip(before, 0, pixels - 1).astype(np.int32), weight.astype(np.int32)
+    return np.maximum(before, 0).astype(np.int32), weight.astype(np.int32)
 
 
 def pyramid_scales(size: Size, window: Size, scale: float, most: int) -> list[float]:

@@ -1,0 +1,85 @@
+"""Short searches in float64 and short trainings, and what they come to, as numbers.
+
+``python -m tests.stored_results`` writes ``stored_results.json``.  Nobody knows from elsewhere what these numbers must
+be: they say that a result has changed, not which one is right.  Whoever changes one says why.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+import nablahog
+from nablahog.invert import AsPublished, Reconstruction, Search, reconstruct_template
+from nablahog.invert.prior.signed_network import Architecture
+
+from .hog.zoo import noise
+from .invert.photographs import photograph
+
+STORED = Path(__file__).with_suffix(".json")
+SIZE = 40, 48
+PHOTOGRAPH = photograph(48).double()[:, :, : SIZE[0]]
+SHORT = Search(max_evaluations=40)
+PLACES = 8  # pixels of an image that are stored
+
+
+def read(result: Reconstruction[Tensor]) -> list[float]:
+    """The distance, the evaluations, the deviation and some pixels of a result."""
+    pixels = result.image.flatten()
+    some = pixels[torch.linspace(0, len(pixels) - 1, PLACES).long()]
+    return [float(result.distance[0]), float(result.evaluations[0]), float(pixels.std()), *some.tolist()]
+
+
+def invert(spec: str, **options: Any) -> list[float]:
+    return read(nablahog.reconstruct(nablahog.hog(PHOTOGRAPH, spec), spec, SIZE, **options))
+
+
+def invert_levels(spec: str) -> list[float]:
+    descriptor = nablahog.hog(PHOTOGRAPH, spec)
+    levels = nablahog.reconstruct_multiscale(descriptor, spec, SIZE, scales=(4, 1), prior=None, search=SHORT)
+    return read(levels[-1].reconstruction)
+
+
+def invert_template(spec: str) -> list[float]:
+    weights = noise(*nablahog.hog(PHOTOGRAPH, spec).shape) - 0.5
+    return read(reconstruct_template(weights, spec, SIZE, max_evaluations=40))
+
+
+def train(spec: str) -> list[float]:
+    """The losses of two epochs."""
+    images = {name: photograph(64, name)[0, 0, : SIZE[0]] for name in ("camera", "coins", "clock", "brick")}
+    tiny = Architecture((8, 8, 8), (1, 0, 0))
+    return [*nablahog.train_prior(images, spec, epochs=2, architecture=tiny, precision="float32").learning.losses]
+
+
+SEARCHES: dict[str, Callable[[], list[float]]] = {
+    **{
+        f"{spec} without a prior": partial(invert, spec, prior=None, search=Search(max_evaluations=60))
+        for spec in ("uoctti", "dalal_triggs", "skimage", "paper")
+    },
+    "as published": partial(invert, "paper", method=AsPublished(iterations=3)),
+    "levels": partial(invert_levels, "uoctti"),
+    "template": partial(invert_template, "dlib"),
+    "unsigned template": partial(invert_template, "dalal_triggs"),
+}
+# the networks of priors are in float32, whose rounding grows
+SEARCHES_WITH_PRIOR: dict[str, Callable[[], list[float]]] = {
+    spec: partial(invert, spec, search=SHORT) for spec in ("uoctti", "dalal_triggs")
+}
+TRAININGS: dict[str, Callable[[], list[float]]] = {
+    "signed training": partial(train, "uoctti"),
+    "unsigned training": partial(train, "paper"),
+}
+
+
+if __name__ == "__main__":
+    results = {**SEARCHES, **SEARCHES_WITH_PRIOR, **TRAININGS}
+    found = {name: [float(f"{number:.6g}") for number in compute()] for name, compute in results.items()}
+    lines = (f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in found.items())
+    STORED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
