@@ -311,8 +311,7 @@ def test_a_phone_begins_with_the_photograph(address: str, tmp_path: Path) -> Non
 
 @in_a_browser
 @pytest.mark.skipif(not AXE.exists(), reason="axe-core is not installed: npm install in tests/app/js")
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)], ids=["wide-light", "narrow-dark"])
 def test_accessible(address: str, tmp_path: Path, width: int, dark: bool) -> None:
     """No violation of WCAG 2.1 A and AA that axe finds in a view, contrast included, and nothing is cut off."""
     with browsing(tmp_path, width, 844, dark) as driver:

@@ -14,7 +14,19 @@ from .rows import ROWS
 from .table import Column, Row, Use, numbers, plain_result, run_cell
 
 SLOW = ("angle", "context", "number", "size")  # kinds of rows that searches take
-PARAMETERS = [pytest.param(row, id=name, marks=[pytest.mark.slow] * (row.kind in SLOW)) for name, row in ROWS.items()]
+XSLOW = {  # much like others of their kinds
+    *("decimal context", "default dtype float64", "in a thread", "no standard output", "set_grad_enabled(False)"),
+    *("twice", "two threads of PyTorch", "number array ()", "number np.int32", "number np.uint16"),
+    *("size array int32", "size array uint8", "size np.int64 alone", "size tensors"),
+}
+
+
+def _marks(name: str, row: Row) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.xslow] * (name in XSLOW) + [pytest.mark.slow] * (row.kind in SLOW)
+
+
+PARAMETERS = [pytest.param(row, id=name, marks=_marks(name, row)) for name, row in ROWS.items()]
+assert not XSLOW - {*ROWS}
 
 
 @pytest.mark.parametrize("row", PARAMETERS)

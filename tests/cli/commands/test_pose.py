@@ -316,7 +316,7 @@ def test_lens_and_initial_azimuth_are_taken_and_standard_deviations_are_beside_t
     assert row["distance_std"] == row["position_x_std"] == ""
     assert float(row["position_z"]) == float(row["distance_in_file_units"])
     assert float(row["azimuth_std"]) > 0
-    assert run(*scene, "--method", "exhaustive")["covariance"] is None
+    assert run(*scene, "--method", "exhaustive", "--page")["covariance"] is None
     assert read_row(tmp_path)["azimuth_std"] == ""
 
 
