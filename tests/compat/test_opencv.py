@@ -109,6 +109,7 @@ def test_parameters_without_a_descriptor(name: str, taken: float, refused: float
 # --- descriptors -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 99),
     sizes=st.tuples(pairs(2, 9), pairs(1, 3), pairs(1, 9), pairs(0, 3), pairs(0, 20)),

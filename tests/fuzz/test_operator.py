@@ -159,6 +159,7 @@ def check(case: Case) -> str:
     return "compared"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", stored_cases("operator", Case))
 def test_cases_that_once_failed(case: Case) -> None:
     check(case)

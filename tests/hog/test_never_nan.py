@@ -66,7 +66,7 @@ KINDS = [
 ]
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in KINDS)) for name in SPECS])
 def test_never_nan(name: str) -> None:
     """In any dialect for some images; in one of each kind for all of them, in both precisions."""
     of_kind = name in KINDS

@@ -62,6 +62,7 @@ def assert_streams(image: npt.NDArray[Any], s: HOGSpec, memory: int = LEAST) -> 
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECS)
 @given(
     height=st.integers(1, 120),

@@ -55,6 +55,7 @@ def test_published_figures() -> None:
     assert set(PUBLISHED) <= {row for method in METHODS.values() for row in method.rows}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_a_method(name: str, tmp_path: Path, learned_files: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nablahog.paper.baselines.cnn_hog.RATE_ITERATIONS", 10)

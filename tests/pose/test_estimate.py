@@ -91,6 +91,7 @@ def test_of_several_models_it_is_the_right_one(method: Any) -> None:
     assert [call[:2] for call in calls[2:]] == [(2, 2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["paper", "paper-edges"])
 def test_the_papers_method_keeps_its_traces(clean: Scene, method: Any) -> None:
     image, box = clean

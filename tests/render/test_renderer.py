@@ -94,7 +94,7 @@ def test_the_eye_in_the_plane_of_a_face(side: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["round", "chair"])
-@pytest.mark.parametrize("step", [1, 4])
+@pytest.mark.parametrize("step", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_derivatives_by_poses_are_exact_up_to_the_size_of_a_pixel(name: str, step: int) -> None:
     """All that is seen in a pixel is taken to move as the surface in its middle does."""
     renderer = Renderer(MESHES[name], CAMERA, supersampling=step)
