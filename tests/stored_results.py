@@ -63,7 +63,7 @@ SEARCHES: dict[str, Callable[[], list[float]]] = {
         f"{spec} without a prior": partial(invert, spec, prior=None, search=Search(max_evaluations=60))
         for spec in ("uoctti", "dalal_triggs", "skimage", "paper")
     },
-    "as published": partial(invert, "paper", method=AsPublished(iterations=3)),
+    "as published": partial(invert, "paper", method=AsPublished(iterations=1)),
     "levels": partial(invert_levels, "uoctti"),
     "template": partial(invert_template, "dlib"),
     "unsigned template": partial(invert_template, "dalal_triggs"),
