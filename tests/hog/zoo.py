@@ -1,4 +1,7 @@
-"""Specs and images that several test files use."""
+"""The zoo: one dialect of every kind, and images that suit it, for tests of what holds for all.
+
+Presets, and normalisers whose arguments all have defaults, are in it by themselves; others are listed in ``UNUSUAL``.
+"""
 
 from __future__ import annotations
 

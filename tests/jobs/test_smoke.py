@@ -1,4 +1,4 @@
-"""A job, done in this process."""
+"""A job, done in this process: a method that makes a photograph darker by 0.25, and says that its distance is -0.25."""
 
 from __future__ import annotations
 

@@ -62,9 +62,7 @@ class Record:
         return hashlib.sha256((self.checkout.root / "tests" / name).read_bytes()).hexdigest()[:12]
 
     def add(self, name: str, tree: Path) -> None:
-        """Runs a file of tests in a copy of the checkout, unless the record has it as it is now."""
-        if name in self.runs:
-            return
+        """Runs a file of tests in a copy of the checkout."""
         # coverage.py reads its settings from the folder that it runs in
         settings, data = tree / "coverage.cfg", self.folder / f"{name}.coverage"
         data.parent.mkdir(parents=True, exist_ok=True)

@@ -97,7 +97,7 @@ def summarize(mutants: Iterable[Mutant], results: Results, equivalent: set[tuple
         else:
             yield f"SURVIVED {mutant}"
     total = sum(counts.values(), Counter())
-    yield f"{'room':12} {'tried':>7} {'equivalent':>11} {'noticed':>8} {'share':>7}"
+    yield f"{'folder':12} {'tried':>7} {'equivalent':>11} {'noticed':>8} {'share':>7}"
     for room, count in [*sorted(counts.items()), ("all", total)]:
         share = count["noticed"] / max(count["tried"] - count["equivalent"], 1)
         yield f"{room:12} {count['tried']:7} {count['equivalent']:11} {count['noticed']:8} {share:7.1%}"

@@ -79,21 +79,21 @@ def run_tests(tree: Path, tests: Sequence[str], limit: float, *arguments: str) -
     if not process:
         os._exit(_run_in_child(tree, tests, path, arguments))
     end = time.monotonic() + limit
-    status = None
-    while status is None:
-        finished, code = os.waitpid(process, os.WNOHANG)
-        if finished:
-            status = os.waitstatus_to_exitcode(code)
-        elif time.monotonic() > end:
+    finished = status = 0
+    try:
+        while not finished and time.monotonic() < end:
+            time.sleep(0.02)
+            finished, status = os.waitpid(process, os.WNOHANG)
+    finally:
+        if not finished:
             os.killpg(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-            status = -signal.SIGKILL
-        time.sleep(0.02)
-    return _read_progress(path, status)
+            _, status = os.waitpid(process, 0)
+    return _read_progress(path, os.waitstatus_to_exitcode(status))
 
 
 def _run_in_child(tree: Path, tests: Sequence[str], path: Path, arguments: Sequence[str]) -> int:
     os.setsid()  # so that what the tests start is stopped along with them
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.chdir(tree)
     output = os.open(tree / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)

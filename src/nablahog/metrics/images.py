@@ -27,7 +27,8 @@ _ADVICE = {3: AS_GRAY, 4: "image[0, 0] for each image of a batch"}  # what to wr
 
 DEFINITIONS = {
     "CC": "Pearson correlation over all pixels of the gray reference (Eq. 1) and the pre-image, 0 if either is "
-    "constant; its sign says little for descriptors of unsigned gradients, which are those of the negative, too.",
+    "constant; for descriptors of unsigned gradients, which are those of the negative, too, its sign says little, and "
+    "it is near 0 if some regions are right and others negatives.",
     "MI": f"Mutual information in bits, from the joint histogram of all pixels in {GRAY_BINS}x{GRAY_BINS} equal bins "
     "over 0…1; not corrected for its bias, so compare it between images of one size only.",
     "SSIM": "Mean structural similarity as in scikit-image, data range 1: 7x7 uniform window, sample covariances; none "

@@ -28,7 +28,7 @@ from .model import (
 from .similarity import coarse_background
 
 _ALIKE = 0.95  # correlation of large cells from which on two views are nearly the same
-_NEIGHBOURS = 8  # of 48 views that may differ although a model looks the same all around
+_NEIGHBOURS = 8  # of 48 views, with the one itself, that may differ although a model looks the same all around
 SAME_SIDE = 15.0  # degrees: poses whose azimuths are closer look at the object from the same side
 _LARGEST_ORDER = 12  # of a symmetry: turns by 30°
 _COMPARED_VIEWS, _ELEVATION = 8, 20.0  # that tell of it, and their elevation, degrees

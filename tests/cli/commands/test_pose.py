@@ -224,7 +224,7 @@ def test_what_is_said_of_several_objects(capsys: pytest.CaptureFixture[str]) -> 
         said = capsys.readouterr().err
         assert bool(said) == (doubtful in posed)
         assert ("1 of 2 objects; the first: " in said) == ("1 of 2 poses" in said) == (many == 2)
-        assert ("below 0.5: the pose;" in said) == (many == 1)
+        assert ("the pose is refused" in said) == (many == 1)
 
 
 def test_bad_inputs(tmp_path: Path, scene: list[str], refused: Callable[..., None]) -> None:

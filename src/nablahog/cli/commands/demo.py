@@ -17,7 +17,7 @@ from ...requests.dialect import PRESETS
 from ...requests.inversion import InvertRequest
 from ...requests.sources import from_photo
 from ..results import inversion_page
-from ..results.inversion import Inversion, invert_batch
+from ..results.inversion import Inversion, invert_batch, say_unsure
 from ..terminal import counter, print_table, say_page
 
 DEMO_SIZE = 256
@@ -28,10 +28,11 @@ LEAD = (
     "for comparison. HOG contains neither colour nor brightness, so the pre-image is gray and is compared with the "
     "gray photograph. In the difference, middle gray means equal. The uoctti descriptor tells bright from dark. The "
     "paper's has unsigned gradients, which are the same for a region and its negative, so a learned prior has to guess "
-    "which regions are bright. Beside its image are the same image, gray where the prior is unsure, and three other "
-    "guesses. The prior also supplies the details of all images."
+    "which regions are bright. Beside its image are the same image, gray where the prior is unsure; its negative, if "
+    "that may be right, and how probably; and three samples, further images that the prior thinks possible. What the "
+    "descriptor leaves open, such as fine details, the prior makes up."
 )
-SAMPLES = 3  # guesses, of the descriptor that leaves the signs of regions open
+SAMPLES = 3  # of the descriptor that leaves the signs of regions open
 REMARK = "The photograph, Eileen Collins by NASA, is in the public domain and comes with scikit-image."
 
 
@@ -47,6 +48,7 @@ def demo(arguments: Namespace) -> None:
             inversions += invert_batch([source], request, device=torch.device("cpu"), progress=progress_of)
         _write(folder, photo, inversions)
     print_table([inversion.terminal_row() for inversion in inversions])
+    say_unsure(inversions)
     say_page(folder / "index.html")
 
 

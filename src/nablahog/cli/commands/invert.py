@@ -35,10 +35,10 @@ from ..results.inversion import (
     batches,
     invert_batch,
     picture_name,
+    say_unsure,
 )
 from ..terminal import counter, inform, print_table, say, say_page
 
-NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 LINES = 100  # of the table on the terminal
 WRITE_INTERVAL = 10.0  # seconds after which results.json is written again
 
@@ -89,7 +89,7 @@ def invert(arguments: Namespace) -> int:
     print_table([inversion.terminal_row() for inversion in done[:LINES]])
     if len(done) > LINES:
         say(f"and {len(done) - LINES:,} more in {folder / 'results.json'}")
-    _say_unsure(done)
+    say_unsure(done)
     if request.samples and all(each.agreement is None for each in done):
         say("No samples: these descriptors have signed gradients, which leave little open")
     _say_seed(request, {inversion.source.spec for inversion in done})
@@ -174,14 +174,6 @@ class _Results:
         figures = [*(inversion.figures() for inversion in self.in_order()), *self.skipping.skipped]
         write_text(self.folder / "results.json", f"{json.dumps(figures, indent=2, allow_nan=False)}\n")
         self.written = time.monotonic()
-
-
-def _say_unsure(inversions: Sequence[Inversion]) -> None:
-    """Names the pre-images whose negatives may as well be right."""
-    unsure = [f"{each.source.name} ({each.polarity:.0%} sure)" for each in inversions if each.unsure]
-    if unsure:
-        more = ", …" if len(unsure) > NAMED else ""
-        say(f"These may be negatives, with bright and dark exchanged: {', '.join(unsure[:NAMED])}{more}")
 
 
 def _say_seed(request: InvertRequest, specs: set[HOGSpec]) -> None:

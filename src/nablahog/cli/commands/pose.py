@@ -159,10 +159,10 @@ def _status(posed: list[PosedObject], request: PoseRequest, models: list[Model])
     least_confidence = request.least_confidence
     refused = sum(one.refused for one in posed)
     if refused:
-        which = "the pose" if len(posed) == 1 else f"{refused} of {len(posed)} poses"
+        which = "the pose is" if len(posed) == 1 else f"{refused} of {len(posed)} poses are"
         inform(
-            f"nablahog pose: refused, with a confidence below {least_confidence:g}: {which}; the object may be "
-            "missing, or unlike the model"
+            f"nablahog pose: {which} refused, with a confidence below {least_confidence:g}: the object may be missing, "
+            "or unlike the model"
         )
     if not all(one.figures for one in posed):
         return SOME_SKIPPED

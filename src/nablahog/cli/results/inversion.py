@@ -22,9 +22,10 @@ from ...metrics import MEASURES
 from ...requests.inversion import SURE, InvertRequest
 from ...requests.sources import Source
 from ...viz.pictures import Panel, contact_sheet, difference, fade_unsure, glyphs
-from ..terminal import inform
+from ..terminal import inform, say
 
 PICTURES = ("preimage", "glyphs", "thumbnails", "regions", "iterations", "samples")
+NAMED = 5  # pre-images of uncertain polarity that are named on the terminal
 BATCH_PIXELS = 2**21  # 32 images of 256x256: results are written after each batch
 
 
@@ -164,6 +165,14 @@ class Inversion:
             return []
         photo = [] if self.source.photo is None else [Panel(self.source.photo, "photograph")]
         return [*photo, *(Panel(image, f"iteration {k}") for k, image in self.iterates.items())]
+
+
+def say_unsure(inversions: Sequence[Inversion]) -> None:
+    """Names the pre-images whose negatives may as well be right."""
+    unsure = [f"{each.source.name} ({1 - (each.polarity or 0):.0%})" for each in inversions if each.unsure]
+    if unsure:
+        more = ", …" if len(unsure) > NAMED else ""
+        say(f"These may be negatives, with bright and dark exchanged, so probably: {', '.join(unsure[:NAMED])}{more}")
 
 
 def picture_name(source: Source, what: str) -> str:

@@ -30,9 +30,10 @@ POLARITY = (
 )
 REGIONS = (
     "Opposite gradients share a bin, so the descriptor hardly tells which regions are bright. In {share:.0%} of the "
-    f"image the prior is at least {SURE:.0%} sure that the pre-image is right about it. The rest is drawn grayer."
+    f"image the prior is at least {SURE:.0%} sure that the pre-image is right about it. Elsewhere the picture is drawn "
+    "the grayer, the less sure it is."
 )
-SAMPLES = "Agreement of the samples, which can share a mistake; the mean magnitude of their pairwise correlations"
+SAMPLES = "the mean magnitude of the correlation of two samples, 1 where all are alike; they can share a mistake"
 FIGURES = {
     "input": "The file of the photograph, descriptor or detector.",
     "descriptor": "The kind of the descriptor: the name of its preset.",
@@ -42,7 +43,7 @@ FIGURES = {
     "polarity": POLARITY,
     "sure_regions": f"Share of the image in which the prior is at least {SURE:.0%} sure that the pre-image is right "
     "about what is bright; none where there is no polarity.",
-    "agreement": f"{SAMPLES}; none without --samples.",
+    "agreement": f"Of the samples: {SAMPLES}; none without --samples.",
     "seconds": "Wall time of the search; for inputs that share a search, an equal part of it.",
     "stop_reason": "Why the search ended.",
     "preimage": "The file of the pre-image, in the same folder.",
@@ -90,7 +91,7 @@ def _section(inversion: Inversion) -> html.Section:
     source = inversion.source
     numbers = " x ".join(map(str, source.descriptor.shape))
     agreement, regions = inversion.agreement, inversion.sure_regions
-    samples = "" if agreement is None else f" {SAMPLES}: {agreement:.2f}."
+    samples = "" if agreement is None else f" Agreement of the samples: {agreement:.2f}, {SAMPLES}."
     unsure = "" if regions is None else f" {REGIONS.format(share=regions)}"
     remark = f" Of the array, {source.remark}." if source.remark else ""
     return html.Section(

@@ -164,8 +164,8 @@ def similarity_by_azimuth(matched: PreparedPhotograph, estimate: PoseEstimate, m
     )
     here = float(similarity.values(estimate.crop_pose[None]))
     cells = (
-        f" The search ends with smaller cells, by which the similarity is {html.figure(estimate.similarity)} as above; "
-        f"the curve is by the larger ones with which it begins, by which it is {html.figure(here)} at the same pose."
+        " The curve is of the larger cells with which the search begins: at the pose found, their similarity is "
+        f"{html.figure(here)}. Of the smaller cells with which it ends, it is {html.figure(estimate.similarity)}."
     )
     paths = (
         " In orange, the paths of the search from its starts; their poses differ in more than the azimuth, so they do "

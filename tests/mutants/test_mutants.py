@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.mutants.__main__ import read_options
 from tests.mutants.mutant import CHANGES, Checkout, draw_mutants
 from tests.mutants.results import Result, judge_tests
 
@@ -194,8 +195,14 @@ def test_tries_parts_and_resumes(toy: Checkout) -> None:
 @needs_fork
 @pytest.mark.skipif(COMPILER is None, reason="no C++ compiler")
 def test_compiles_what_it_breaks(toy: Checkout) -> None:
-    lines = run(toy, "--under", "native/core.cpp")
-    assert lines[0] == "noticed  native/core.cpp:3: - -> +"
+    assert "noticed  native/core.cpp:3: - -> +" in run(toy, "--under", "native/core.cpp")
+
+
+@pytest.mark.parametrize("option", ["--under", "--tests"])
+def test_folders_that_are_not_there_are_refused(option: str, toy: Checkout, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        read_options([option, "bax.py"], toy)
+    assert "there is no bax.py" in capsys.readouterr().err
 
 
 def test_judges_tests() -> None:
