@@ -14,10 +14,13 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 import nablahog
+from nablahog.hog.dialects import as_spec
 from nablahog.invert import AsPublished, Reconstruction, Search, reconstruct_template
 from nablahog.invert.prior.signed_network import Architecture
+from nablahog.invert.scales import level_spec
 
 from .hog.zoo import noise
 from .invert.photographs import photograph
@@ -46,6 +49,14 @@ def invert_levels(spec: str) -> list[float]:
     return read(levels[-1].reconstruction)
 
 
+def invert_levels_of_their_own(spec: str) -> list[float]:
+    """A descriptor of each level, as of a shrunk photograph."""
+    small, _ = level_spec(as_spec(spec), 4, SIZE)
+    descriptors = [nablahog.hog(avg_pool2d(PHOTOGRAPH, 2), small), nablahog.hog(PHOTOGRAPH, spec)]
+    levels = nablahog.reconstruct_multiscale(descriptors, spec, SIZE, scales=(4, 1), prior=None, search=SHORT)
+    return read(levels[-1].reconstruction)
+
+
 def invert_template(spec: str) -> list[float]:
     weights = noise(*nablahog.hog(PHOTOGRAPH, spec).shape) - 0.5
     return read(reconstruct_template(weights, spec, SIZE, max_evaluations=40))
@@ -65,6 +76,7 @@ SEARCHES: dict[str, Callable[[], list[float]]] = {
     },
     "as published": partial(invert, "paper", method=AsPublished(iterations=1)),
     "levels": partial(invert_levels, "uoctti"),
+    "levels of their own": partial(invert_levels_of_their_own, "uoctti"),
     "template": partial(invert_template, "dlib"),
     "unsigned template": partial(invert_template, "dalal_triggs"),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -30,6 +31,22 @@ def test_links_of_markdown(page: Path) -> None:
     targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in target]
     files = {unquote(target.split("#")[0]) for target in targets} - {""}
     assert not [name for name in files if not name.startswith(MADE) and not (page.parent / name).exists()]
+
+
+def test_limits_are_those_of_the_package() -> None:
+    """Each that the table names a constant of: three digits of its amount, in the order of the row."""
+    table = (ROOT / "docs/security.md").read_text(encoding="utf-8").split("## Limits")[1].split("## ")[0]
+    units = {"": 1, "million": 1e6, "MiB": 2**20, "GiB": 2**30}
+    stated, true = {}, {}
+    for _, _, limits, places, _ in (row.split("|") for row in table.splitlines() if row.startswith("|")):
+        names = re.findall(r"nablahog\.[\w.]+", places)
+        amounts = [amount.replace(",", "").split() for amount in limits.split(";")]
+        for name, (number, *unit) in zip(names, amounts * (len(names) if len(amounts) == 1 else 1), strict=True):
+            module, _, constant = name.rpartition(".")
+            stated[name] = float(number) * units["".join(unit)]
+            true[name] = getattr(import_module(module), constant)
+    assert len(stated) > 30
+    assert stated == pytest.approx(true, rel=5e-3)
 
 
 def test_extras_are_those_of_the_package() -> None:

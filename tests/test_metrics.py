@@ -118,7 +118,8 @@ def test_wrong_images(measure: Callable[..., float]) -> None:
     zeros = np.zeros((8, 8))
     for one, other, message in (
         (zeros, np.zeros((8, 9)), r"one shape \(H, W\), got \(8, 8\) and \(8, 9\)"),
-        (zeros[None], zeros[None], "one shape"),
+        (zeros[None], zeros[None], r"\(1, 8, 8\): write image\.convert"),
+        (zeros[None, None], zeros[None, None], r"write image\[0, 0\]"),
         (zeros, np.array([[0.0, 255.0]]).repeat(8, 0).repeat(4, 1), "images in 0…1, got values in 0 … 255"),
         (zeros, zeros * np.nan, "nan"),
     ):

@@ -67,6 +67,9 @@ def test_it_is_turned_and_fitted(client: TestClient, monkeypatch: pytest.MonkeyP
         assert view["n"] == 7
         image = Image.open(io.BytesIO(base64.b64decode(view["image"])))
         assert (image.mode, image.size) == ("LA", (128, 128))
+        gray, opaque = (np.asarray(band) for band in image.split())
+        assert 0.02 < (opaque == 255).mean() < 0.9 < np.isin(opaque, (0, 255)).mean()  # but at its outline
+        assert len(np.unique(gray[opaque == 255])) > 3  # surfaces that are lit
         assert len(view["derivative"]) == 6
         socket.send_json({"type": "curve", "pose": view["pose"]})
         parts = [json.loads(socket.receive_text()) for _ in range(5)]

@@ -19,7 +19,7 @@ from skimage import data
 
 from nablahog.compat import opencv
 from nablahog.compat.opencv import HOGDescriptor
-from nablahog.compat.opencv.multi_scale import group_rectangles, resize
+from nablahog.compat.opencv.multi_scale import clip, group_rectangles, resize
 
 from .test_opencv import ASTRONAUT, SMALL, pairs
 
@@ -242,6 +242,14 @@ def test_groups_are_opencvs(seed: int, threshold: int) -> None:
     assert_array_equal(grouped, np.array(expected, np.int32).reshape(-1, 4))
     for rectangle, weight in zip(grouped, weights, strict=True):
         assert np.abs(shuffled[int(weight)] - rectangle).max() <= 40  # the largest weight is a member's
+
+
+def test_of_rectangles_the_part_within_the_image_is_left() -> None:
+    """If there is any, be it one pixel; sides are of (x, y, width, height)."""
+    rectangles = np.array([[-7, -3, 8, 9], [-8, 0, 8, 9], [19, 2, 5, 9], [3, 29, 5, 9], [3, 30, 5, 9]], np.int32)
+    left, weights = clip(rectangles, np.arange(5.0), (20, 30))
+    assert left.tolist() == [[0, 0, 1, 6], [19, 2, 1, 9], [3, 29, 5, 1]]
+    assert weights.tolist() == [0, 2, 3]
 
 
 # --- refusals --------------------------------------------------------------------------------------------------------

@@ -177,6 +177,10 @@ def test_refuses() -> None:
         HOGLoss("uoctti")(TARGETS, TARGETS.to("meta"))
 
 
+def test_it_is_shown_with_its_dialect() -> None:
+    assert "vlfeat, reduction='sum'" in repr(HOGLoss("vlfeat", reduction="sum"))
+
+
 def test_empty_batches() -> None:
     """As PyTorch's losses: a mean of nothing is NaN, a sum 0."""
     losses: dict[Any, Tensor] = {"mean": torch.tensor(math.nan), "sum": torch.tensor(0.0), "none": torch.zeros(0)}

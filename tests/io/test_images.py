@@ -150,13 +150,19 @@ def test_more_pixels_are_read_where_the_user_allows_them(tmp_path: Path, monkeyp
     pillow(RAMP)(tmp_path / "ramp.png")
     with pytest.raises(ValueError, match="NABLAHOG_MAX_PIXELS allows more"):
         read_image(tmp_path / "ramp.png")
-    for allowed in ("256", "many"):
+    for allowed, refusal in (
+        ("256", None),
+        ("254", "NABLAHOG_MAX_PIXELS allows more"),
+        ("1", "NABLAHOG_MAX_PIXELS allows more"),
+        ("0", "must be a number of pixels, got '0'"),
+        ("many", "must be a number of pixels, got 'many'"),
+    ):
         monkeypatch.setenv("NABLAHOG_MAX_PIXELS", allowed)
         prepare_pillow.cache_clear()
-        if allowed == "256":
+        if refusal is None:
             assert read_image(tmp_path / "ramp.png").shape == (1, 16, 16)
         else:
-            with pytest.raises(ValueError, match="must be a number of pixels, got 'many'"):
+            with pytest.raises(ValueError, match=refusal):
                 read_image(tmp_path / "ramp.png")
 
 

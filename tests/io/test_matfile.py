@@ -149,6 +149,11 @@ def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "save -v7" in _refusal(path, bytes(512) + b"\x89HDF\r\n\x1a\n")
     bomb = zlib.compress(bytes(matfile.MAX_MAT_BYTES + 1))
     assert "unpacks to more than" in _refusal(path, HEADER + struct.pack("<II", 15, len(bomb)) + bomb)
+    whole = zlib.compress(_variable(6, (1, 1), struct.pack("<IId", 9, 8, 0.5)))
+    path.write_bytes(HEADER + struct.pack("<II", 15, len(whole)) + whole)
+    assert read_mat(path)[""] == 0.5
+    without_sum = whole[:-4]
+    assert "it ends too early" in _refusal(path, HEADER + struct.pack("<II", 15, len(without_sum)) + without_sum)
     inner = struct.pack("<II", 14, 0)
     for _ in range(matfile.MAX_STRUCT_DEPTH):
         inner = _variable(1, (1, 1), inner)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import re
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,11 @@ from nablahog.pose import estimate_pose, viewpoint_prior
 from nablahog.pose.background import FINE_CELL, pose_spec
 from nablahog.pose.best_search import BestSearch
 from nablahog.pose.crop import crop_object, typical_camera
-from nablahog.pose.model import prepared_model
+from nablahog.pose.model import prepared_model, view_descriptors
 from nablahog.pose.photograph import PreparedPhotograph
 from nablahog.pose.problem import PoseProblem
 from nablahog.pose.similarity import describe
+from nablahog.pose.symmetry import compare_sides
 from nablahog.pose.viewpoint_prior import (
     ViewpointLearning,
     ViewpointNetwork,
@@ -30,7 +33,7 @@ from nablahog.pose.viewpoint_prior import (
     default_viewpoints,
     mirror_descriptors,
 )
-from nablahog.pose.vote import Hypothesis, azimuth_evidence, interpolate_evidence, recognizes_models
+from nablahog.pose.vote import Hypothesis, azimuth_evidence, forget_models, interpolate_evidence, recognizes_models
 from nablahog.render import Mesh, render
 
 from ..chairs import chair
@@ -118,6 +121,18 @@ def test_the_default_prior_knows_chairs_whose_front_is_where_it_expects_it() -> 
     chairs = [chair(seed) for seed in range(3)]
     assert recognizes_models(prior, [prepared_model(mesh) for mesh in chairs])
     assert not recognizes_models(prior, [prepared_model(_turned(mesh)) for mesh in chairs])
+
+
+def test_models_are_forgotten() -> None:
+    """By all caches: a page that gets one after the other keeps none but the last."""
+    mesh = chair(5)
+    seen = weakref.ref(prepared_model(mesh))
+    recognizes_models(default_viewpoints(), [prepared_model(mesh)])
+    compare_sides(prepared_model(mesh), 30, 20)
+    view_descriptors(prepared_model(mesh), 20)
+    forget_models()
+    gc.collect()
+    assert seen() is None
 
 
 def _scene(index: int, models: dict[str, Mesh], photographs: list[Tensor]) -> Scene:
