@@ -13,7 +13,7 @@ from skimage import data
 from torch import Tensor
 
 from docs.preset_tables import SPECS
-from nablahog.hog import HOGSpec, hog, presets
+from nablahog.hog import FourBlockNorm, HOGSpec, hog, presets
 from nablahog.hog.layout import native_shape
 from nablahog.hog.normalizers.unclip import unclip, unclip_exactly
 from nablahog.invert.candidates import Candidate
@@ -123,6 +123,18 @@ def test_texture_adds_up_to_channels_that_are_named(name: str, bins: int, which:
     candidate = Candidate(name, {}, spec, FittedLayout("cells", array.shape, (192, 192)))
     holding = identities_that_hold(array, candidate, find_tolerance(array)) or []
     assert f"texture adds up to the sum of channels {which}" in [identity.sentence for identity in holding]
+
+
+@pytest.mark.parametrize("name", [name for name in SPECS if isinstance(SPECS[name].normalizer, FourBlockNorm)])
+def test_what_has_a_scale_does_not_hold_of_twice_the_numbers(name: str) -> None:
+    """And what has none does."""
+    spec = SPECS[name]
+    channels = described("astronaut", spec).permute(2, 0, 1)[None]
+    once, twice = (spec.normalizer.identities(times * channels, spec.bins, spec.signed, 1e-6) for times in (1, 2))
+    for identity, doubled in zip(once, twice, strict=True):
+        right, still = ((each.errors.abs() <= 1e-5).double().mean() for each in (identity, doubled))
+        if not identity.is_bound:
+            assert (still > 0.99 * right) == (not identity.has_scale), identity.sentence
 
 
 def test_opposite_directions_add_up_below_half_the_clip() -> None:

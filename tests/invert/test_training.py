@@ -159,7 +159,10 @@ def test_windows_of_a_training_by_default(
 
     with pytest.raises(KeyboardInterrupt):
         trained(images, kind, epochs=None, progress=stop)
-    assert totals == [windows // 2]  # of two to a step
+    monkeypatch.setattr({"signed": SignedTraining, "unsigned": UnsignedTraining}[kind], "default_crops", 1)
+    with pytest.raises(KeyboardInterrupt):
+        trained(images, kind, epochs=None, progress=stop)
+    assert totals == [windows // 2, 2]  # of two to a step; at least one epoch
 
 
 def test_what_cannot_be_learned_from(images: dict[str, Tensor]) -> None:

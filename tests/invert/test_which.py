@@ -14,8 +14,10 @@ from skimage import data, feature
 
 import nablahog
 from nablahog import presets, which_hog
-from nablahog.invert.orders import _difference_of_neighbours
+from nablahog.invert.candidates import Candidate
+from nablahog.invert.orders import _difference_of_neighbours, check_layout
 from nablahog.invert.which import MOST_NAMED, WhichHOG
+from nablahog.io.descriptor_file import FittedLayout
 
 Array = NDArray[np.floating]
 COLOUR = data.astronaut()[40:168, 190:254]  # 128x64
@@ -408,3 +410,15 @@ def test_histograms_of_another_length_are_not_told_by_how_alike_neighbours_are()
     assert found.decided_by == ""
     assert found.candidates[0].spec == spec
     assert found.candidates[0].image_size == (128, 64)
+
+
+def test_what_the_library_returns_comes_before_its_layout_and_that_before_others() -> None:
+    spec = presets.vlfeat()
+    array, layout = np.zeros((31, 16, 8)), spec.layout
+    returned = FittedLayout(layout, array.shape, (128, 64))
+    same_layout, other_layout = FittedLayout(layout, (31, 8, 16), (64, 128)), FittedLayout("cells", array.shape, (8, 8))
+    first, second, third = (Candidate("vlfeat", {}, spec, how) for how in (returned, same_layout, other_layout))
+    for candidates, remaining in (([third, second, first], [first]), ([third, second], [second]), ([third], [third])):
+        kept, excluded, sentence = check_layout(array, candidates)
+        assert (kept, excluded) == (remaining, [each for each in candidates if each not in remaining])
+        assert bool(sentence) == bool(excluded)

@@ -138,6 +138,8 @@ def test_what_takes_more_memory_than_bytes(tmp_path: Path, monkeypatch: pytest.M
     path.write_bytes(HEADER + _variable(6 | 0x800, (1, 64), struct.pack("<II", 1, 64) + bytes(64)))
     with pytest.raises(ValueError, match="its arrays take more than 1,000 bytes"):
         read_mat_arrays(path)
+    monkeypatch.setattr(matfile, "MAX_ARRAY_BYTES", 64 * 16)
+    assert read_mat_arrays(path)[""].shape == (1, 64)
 
 
 def test_refusals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,13 +12,14 @@ import pytest
 import torch
 from PIL import ExifTags, Image
 from torch import Tensor
+from torch.nn import functional
 from torch.testing import assert_close
 
 from nablahog.hog.gradient import gray
 from nablahog.inputs.boxes import Box
 from nablahog.pose import PoseEstimate, estimate_pose
 from nablahog.pose.crop import CROP_FILL, CROP_SIDE, apply_mask, crop_object
-from nablahog.pose.crop_view import reduction_factor
+from nablahog.pose.crop_view import gray_means, reduction_factor
 from nablahog.pose.similarity import downsample_poses
 from nablahog.render import pose, render
 from nablahog.render.camera import to_camera, to_screen
@@ -272,6 +273,15 @@ def test_a_pose_beside_the_optical_axis_is_that_of_the_camera() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("height", "width"), [(6, 9), (7, 8), (8, 7)])
+def test_means_repeat_the_border(height: int, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nablahog.pose.crop_view.STRIP_PIXELS", 4 * 3 * width)  # strips of 4 rows of means
+    picture = torch.rand(1, height, width)
+    rows, cols = (torch.arange(-(-side // 3) * 3).clamp(max=side - 1) for side in (height, width))
+    expected = functional.avg_pool2d(picture[:, rows][:, :, cols], 3)
+    assert_close(gray_means(picture, 3), expected)
+
+
 @pytest.mark.parametrize("axis", [None, (2200.0, 1800.0)])
 def test_large_photographs_are_shrunk_in_two_steps(
     axis: tuple[float, float] | None, monkeypatch: pytest.MonkeyPatch

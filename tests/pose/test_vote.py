@@ -146,6 +146,10 @@ def test_the_viewpoint_is_the_mean_of_the_side_across_0() -> None:
     assert theta == 0
 
 
+def test_the_viewpoint_of_one_pose_is_its_own() -> None:
+    assert mean_viewpoint(poses([300.0], [5.0])).tolist() == pytest.approx([300, 30, 0])
+
+
 def test_a_pose_that_fits_better_counts_more() -> None:
     ((side, _),) = voted(poses([0.0, 10.0], [5.0, 5.0], [8.0, 5.0]), 1)
     assert side[0].model == "a"
