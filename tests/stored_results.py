@@ -1,4 +1,4 @@
-"""Short searches in float64 and short trainings, and what they come to, as numbers.
+"""Short searches for images, searches for poses and short trainings, and what they come to, as numbers.
 
 ``python -m tests.stored_results`` writes ``stored_results.json``.  Nobody knows from elsewhere what these numbers must
 be: they say that a result has changed, not which one is right.  Whoever changes one says why.
@@ -21,9 +21,13 @@ from nablahog.hog.dialects import as_spec
 from nablahog.invert import AsPublished, Reconstruction, Search, reconstruct_template
 from nablahog.invert.prior.signed_network import Architecture
 from nablahog.invert.scales import level_spec
+from nablahog.pose import estimate_pose
+from nablahog.render import Mesh
 
+from .chairs import chair
 from .hog.zoo import noise
 from .invert.photographs import photograph
+from .pose.common import SWIVEL, model, photographed
 
 STORED = Path(__file__).with_suffix(".json")
 SIZE = 40, 48
@@ -62,6 +66,18 @@ def invert_template(spec: str) -> list[float]:
     return read(reconstruct_template(weights, spec, SIZE, max_evaluations=40))
 
 
+def estimate(models: Mesh | dict[str, Mesh], *, known_box: bool = True, **options: Any) -> list[float]:
+    """The pose of a chair, what its confidence rests on, and the best pose from another side."""
+    image, box = photographed(model(), 35, 18, behind="coffee")
+    found = estimate_pose(image, models, box=box if known_box else None, **options)
+    numbers = [found.azimuth, found.elevation, found.distance, found.similarity]
+    if found.confidence is not None and found.evidence is not None:
+        evidence, other = found.evidence, found.runners_up[0]
+        numbers += [found.confidence, evidence.sidelobe, evidence.agreement, evidence.in_range, evidence.upright]
+        numbers += [other.azimuth, other.similarity, other.share]
+    return numbers
+
+
 def train(spec: str) -> list[float]:
     """The losses of two epochs."""
     images = {name: photograph(64, name)[0, 0, : SIZE[0]] for name in ("camera", "coins", "clock", "brick")}
@@ -84,6 +100,14 @@ SEARCHES: dict[str, Callable[[], list[float]]] = {
 SEARCHES_WITH_PRIOR: dict[str, Callable[[], list[float]]] = {
     spec: partial(invert, spec, search=SHORT) for spec in ("uoctti", "dalal_triggs")
 }
+POSES: dict[str, Callable[[], list[float]]] = {
+    "pose": lambda: estimate(model()),
+    "pose without a box": lambda: estimate(model(), known_box=False),
+    "pose of a lens": lambda: estimate(model(), focal=300.0),
+    "pose within 60°": lambda: estimate(model(), initial=(60, 15), within=60),
+    "pose among models": lambda: estimate({"first": chair(7), "second": model(SWIVEL), "third": chair(9)}),
+    "exhaustive pose": lambda: estimate(model(), initial=(60, 15), method="exhaustive"),
+}
 TRAININGS: dict[str, Callable[[], list[float]]] = {
     "signed training": partial(train, "uoctti"),
     "unsigned training": partial(train, "paper"),
@@ -91,7 +115,7 @@ TRAININGS: dict[str, Callable[[], list[float]]] = {
 
 
 if __name__ == "__main__":
-    results = {**SEARCHES, **SEARCHES_WITH_PRIOR, **TRAININGS}
+    results = {**SEARCHES, **SEARCHES_WITH_PRIOR, **POSES, **TRAININGS}
     found = {name: [float(f"{number:.6g}") for number in compute()] for name, compute in results.items()}
     lines = (f"{json.dumps(name)}: {json.dumps(numbers)}" for name, numbers in found.items())
     STORED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")

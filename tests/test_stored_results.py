@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from .stored_results import SEARCHES, SEARCHES_WITH_PRIOR, STORED, TRAININGS
+from .stored_results import POSES, SEARCHES, SEARCHES_WITH_PRIOR, STORED, TRAININGS
 
 EXPECTED = json.loads(STORED.read_text(encoding="utf-8"))
 
@@ -20,6 +20,13 @@ def test_searches_find_what_they_found(name: str) -> None:
 @pytest.mark.parametrize("name", SEARCHES_WITH_PRIOR)
 def test_searches_with_a_prior_find_nearly_what_they_found(name: str) -> None:
     np.testing.assert_allclose(SEARCHES_WITH_PRIOR[name](), EXPECTED[name], rtol=0, atol=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", POSES)
+def test_poses_are_nearly_those_that_were_found(name: str) -> None:
+    """Plain PyTorch finds azimuths that are up to 0.4° off these."""
+    np.testing.assert_allclose(POSES[name](), EXPECTED[name], rtol=0.03, atol=0.03)
 
 
 @pytest.mark.slow
