@@ -92,8 +92,14 @@ def test_of_a_file_of_which_nothing_is_known_nothing_is_asked() -> None:
     assert refused.value.answer == {"error": "too small"}
 
 
-def test_ids_of_one_server_say_nothing_of_another() -> None:
-    assert Store(b"a").add(photograph(2), b"x") != Store(b"b").add(photograph(2), b"x")
+def test_ids_are_of_the_server_the_kind_and_each_part_of_the_content() -> None:
+    mesh = MeshEntry("m", load_mesh(InputFile("m.off", TETRAHEDRON)))
+    added = [(b"a", photograph(2), b"xy"), (b"b", photograph(2), b"xy"), (b"a", mesh, b"xy")]
+    parts = [(b"x", b"y"), (b"", b"xy"), (b"xy", b""), (b"y", b"x")]
+    ids = [Store(secret).add(item, content) for secret, item, content in added]  # type: ignore[arg-type]
+    ids += [Store(b"a").add(photograph(2), *content) for content in parts]
+    assert len({*ids}) == len(ids)
+    assert Store(b"a").add(photograph(3), b"xy") == ids[0]
 
 
 def test_a_full_lane_refuses_and_a_cancelled_one_ends_its_work() -> None:

@@ -17,6 +17,7 @@ from sklearn.datasets import load_digits
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.svm import LinearSVC
+from sklearn.utils import get_tags
 from sklearn.utils.estimator_checks import check_estimator
 
 from nablahog import hog, presets
@@ -26,6 +27,12 @@ from nablahog.compat.sklearn import HOGTransformer
 @pytest.mark.filterwarnings("ignore")  # of numbers beyond 0…1
 def test_it_passes_the_checks_of_estimators() -> None:
     check_estimator(HOGTransformer())
+
+
+@pytest.mark.parametrize("image_size", [None, (8, 8)])
+def test_tags_say_whether_it_takes_images_or_rows(image_size: Any) -> None:
+    tags = get_tags(HOGTransformer(image_size=image_size)).input_tags
+    assert (tags.three_d_array, tags.two_d_array) == (image_size is None, image_size is not None)
 
 
 @pytest.mark.parametrize("layout", ["cells", "native"])

@@ -135,10 +135,20 @@ def test_checkpoints_of_another_training_and_damaged_ones_are_refused(
     tmp_path: Path, images: dict[str, Tensor]
 ) -> None:
     path = tmp_path / "kept"
-    trained(images, epochs=1, checkpoint=path)
-    for name, value in (("seed", 1), ("epochs", 2), ("precision", "bfloat16")):
-        with pytest.raises(ValueError, match=rf"checkpoint of another training .*{name}"):
-            trained(images, checkpoint=path, **{"epochs": 1, name: value})
+    start = trained(images, epochs=1, checkpoint=path)
+    changes: dict[str, Any] = {
+        "images": images | {"brick": images["coins"]},
+        "spec": presets.uoctti(4),
+        "epochs": 2,
+        "seed": 1,
+        "architecture": Architecture((8, 8, 16), (1, 0, 0)),
+        "precision": "bfloat16",
+        "start": start,
+    }
+    for name, value in changes.items():
+        options = {"images": images, "spec": KINDS["signed"], "epochs": 1, "architecture": TINY, name: value}
+        with pytest.raises(ValueError, match=rf"checkpoint of another training \(with other {name}\)"):
+            train_prior(**options, checkpoint=path)
     whole = path.read_bytes()
     for damaged in (b"", whole[: len(whole) // 2], b"x" * 1000):
         path.write_bytes(damaged)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 import torch
 from numpy.typing import NDArray
@@ -93,6 +94,15 @@ def test_wrong_contents(tmp_path: Path, what: str) -> None:
         load_descriptor(tmp_path / "d.npz")
     assert str(caught.value).startswith(f"{tmp_path / 'd.npz'}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_images_of_as_many_pixels_as_are_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.savez(tmp_path / "d.npz", **_arrays())
+    monkeypatch.setattr(PIL.Image, "MAX_IMAGE_PIXELS", SIZE[0] * SIZE[1])
+    load_descriptor(tmp_path / "d.npz")
+    monkeypatch.setattr(PIL.Image, "MAX_IMAGE_PIXELS", SIZE[0] * SIZE[1] - 1)
+    with pytest.raises(ValueError, match="at most 1,159 pixels, got 40x29"):
+        load_descriptor(tmp_path / "d.npz")
 
 
 class _Bomb:

@@ -147,6 +147,10 @@ def test_absolute_names_of_files_in_the_folder(tmp_path: Path, monkeypatch: pyte
         ({"annotations": [{"id": 1, "image_id": 7}] * 2}, r"annotations\[1\], column id: expected a different id for"),
         ({"annotations": [{"id": 1, "image_id": 7, "segmentation": {"counts": "x"}}]}, "segmentation: expected a bbox"),
         ({"annotations": [{"id": 1, "image_id": 7, "segmentation": [[1, 2, 3, 4, 5, "x"]]}]}, "must be a finite numb"),
+        *(
+            ({"annotations": [{"id": 1, "image_id": 7, "segmentation": [[*range(length)]]}]}, "expected a bbox, or pol")
+            for length in (4, 5, 7)
+        ),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2]}]}, r"column bbox must be 4 finite numbers"),
         ({"annotations": [{"id": 1, "image_id": 7, "bbox": [1, 2, 3, True]}]}, r"bbox must be 4 finite numbers"),
     ],

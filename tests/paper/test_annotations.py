@@ -59,6 +59,13 @@ def test_large_objects_are_shrunk_with_their_boxes(photographs: Path) -> None:
     assert float(outside.max()) < 0.05
 
 
+def test_factors_across_and_down_differ_by_rounding(photographs: Path) -> None:
+    Image.fromarray(np.zeros((10, 2000), np.uint8)).save(photographs / "d.png")
+    (one,) = read_annotations(_csv(photographs, f"{HEADS}\nd.png,0,0,2000,10,0,0,0,\n"))
+    assert one.image.shape == (1, 1, MAX_SIDE)
+    assert one.box == pytest.approx((0, 0, MAX_SIDE, 1))
+
+
 def test_annotations_that_are_refused(photographs: Path) -> None:
     wrong: list[tuple[dict[str, object], str]] = [
         ({"image": "no.png"}, "column image: .*no.png: no such file"),

@@ -162,6 +162,7 @@ def test_a_camera_file_is_read_with_its_distortion(estimate: tuple[PoseEstimate,
     ("size", "said"),
     [
         ((1280, 960), "write `intrinsics`=260,235,167.5,114 and `distortion`=-0.3,0.1,0.002,-0.001,0"),
+        ((1280, 963), "write `intrinsics`=260,234.268,167.5,113.645 and"),
         ((480, 640), "turn the photograph"),
         ((240, 320), "turn it as it was taken"),
         ((900, 640), "subtracted from cx"),

@@ -46,8 +46,15 @@ def test_an_interrupted_learning_is_resumed_with_the_same_result(
     path, resumed = tmp_path / "kept", Interruption()
     with pytest.raises(KeyboardInterrupt):
         learn_background(images(), SPEC, order=ORDER, checkpoint=path, progress=Interruption(3))
-    with pytest.raises(ValueError, match=r"checkpoint of another training .*images"):
-        learn_background(images(4), SPEC, order=ORDER, checkpoint=path)
+    learning: dict[str, Any] = {"images": images(), "spec": SPEC, "order": ORDER, "checkpoint": path}
+    for name, field, value in (
+        ("images", "images", images() | {"0": images()["1"]}),
+        ("names", "images", dict(reversed(images().items()))),
+        ("spec", "spec", presets.aubry(4, orientations=3, colour="gray")),
+        ("order", "order", ORDER - 1),
+    ):
+        with pytest.raises(ValueError, match=rf"checkpoint of another training \(with other {name}\)"):
+            learn_background(**learning | {field: value})
     result = learn_background(images(), SPEC, order=ORDER, checkpoint=path, progress=resumed)
     assert resumed.steps == [2, 3]
     assert torch.equal(result.mean, background.mean)

@@ -235,7 +235,7 @@ def test_other_azimuths_that_look_the_same_are_shown(
     assert (row["second_azimuth"], row["second_confidence"]) == ("1.6", "0.31")
 
 
-@pytest.mark.parametrize(("half_turn", "shown"), [(0.0009, "< 0.001"), (0.0011, "0.001")])
+@pytest.mark.parametrize(("half_turn", "shown"), [(0.0009, "< 0.001"), (0.001, "0.001"), (0.0011, "0.001")])
 def test_probabilities_of_half_turns_are_shown_as_finely_as_they_are_known(half_turn: float, shown: str) -> None:
     assert figure(show_figures({"half_turn": half_turn}, ["half_turn"])["half_turn"]) == shown
 

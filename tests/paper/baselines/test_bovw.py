@@ -108,8 +108,10 @@ def test_an_interrupted_learning_is_resumed(learned: BoVW, tmp_path: Path) -> No
     assert rest.steps == [0, *range(8, ROUNDS + 3)]
     for name in ("vocabulary", "patches", "database"):
         assert torch.equal(getattr(resumed, name), getattr(learned, name))
-    with pytest.raises(ValueError, match=r"another training \(with other cell\)"):
-        _learned(checkpoint=checkpoint, cell=5)
+    changed = {"images": _images() | {"extra": _images()["camera"]}, "words": WORDS - 1, "cell": 5, "seed": 1}
+    for name, value in changed.items():
+        with pytest.raises(ValueError, match=rf"another training \(with other {name}\)"):
+            _learned(checkpoint=checkpoint, **{name: value})
     checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
     with pytest.raises(ValueError, match="damaged"):
         _learned(checkpoint=checkpoint)

@@ -203,9 +203,16 @@ def test_an_interrupted_learning_is_resumed_with_the_same_result(
     undisturbed = learn_hoggles(_images(), **options)
     with pytest.raises(KeyboardInterrupt):
         learn_hoggles(_images(), **options, checkpoint=path, progress=Interruption(5))
-    for changed, name in (({"images": _images("brick", "coins", "clock")}, "images"), ({"seed": 1}, "seed")):
-        with pytest.raises(ValueError, match=f"checkpoint of another training .*{name}"):
-            learn_hoggles(**{"images": _images(), **options, **changed}, checkpoint=path)
+    for name, value in {
+        "images": _images("brick", "coins", "clock"),
+        "spec": presets.uoctti(4, vote="hard"),
+        "atoms": 99,
+        "sparsity": 0.4,
+        "iterations": 7,
+        "seed": 1,
+    }.items():
+        with pytest.raises(ValueError, match=rf"checkpoint of another training \(with other {name}\)"):
+            learn_hoggles(**{"images": _images(), **options, name: value}, checkpoint=path)
     resumed = Interruption()
     result = learn_hoggles(_images(), **options, checkpoint=path, progress=resumed)
     assert resumed.steps == [0, 4, 5, 6]
