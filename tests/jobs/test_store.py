@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from PIL import Image
 from nablahog import hog, presets, sample_chairs
 from nablahog.cli.commands.invert import InversionJob
 from nablahog.cli.commands.pose import ObjectJob
+from nablahog.inputs.boxes import Box
 from nablahog.io.dataset_manifest import DESCRIBING, ImageState, Manifest
+from nablahog.io.input_file import InputFile
 from nablahog.io.lists import AnnotatedObject
 from nablahog.jobs.store import JobResult, do_all, load, save
 from nablahog.paper import learned
@@ -25,8 +28,9 @@ from nablahog.paper.pose_methods import Table2Settings
 from nablahog.paper.table2 import PoseJob
 from nablahog.pose import model
 from nablahog.pose.background import default_background
+from nablahog.render import load_mesh
 from nablahog.render.models import Model
-from nablahog.requests.inversion import InvertRequest
+from nablahog.requests.inversion import GlyphRequest, InvertRequest
 from nablahog.requests.pose import PoseRequest
 from nablahog.requests.sources import Source
 from nablahog.runtime import cache
@@ -98,6 +102,87 @@ def test_keys_tell_work_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert job(learned, learned={"prior": first}).key() == job(learned, learned={"prior": second}).key()
     monkeypatch.setattr(torch, "__version__", "0")
     assert base.key() not in keys
+
+
+def test_keys_of_objects_are_of_all_that_is_known_of_them(tmp_path: Path) -> None:
+    """Of files the contents count, not the names; and what changes no result does not."""
+    a, b, again = (tmp_path / name for name in ("a", "b", "again"))
+    for path in (a, b, again):
+        path.write_bytes(path.name[:1].encode())
+    base = ObjectJob(AnnotatedObject(1, "x.png", Box(0, 0, 9, 8), (10, 20)), a, PoseRequest(), (Model("m", a),))
+    options: dict[str, Any] = {
+        **{"up": "y", "front": "x", "within": 90.0, "focal": 300.0, "principal_point": (4.0, 5.0), "mask": str(a)},
+        **{"intrinsics": (9.0, 9.0, 4.0, 4.0), "distortion": (0.1, 0, 0, 0), "method": "paper", "seed": 1},
+    }
+    known = {"box": Box(0, 0, 8, 9), "view": (20, 10), "polygons": ((0, 0, 9, 0, 9, 8),)}
+    models = ((Model("n", a),), (Model("m", b),), (Model("m", a), Model("n", b)), (Model("n", b), Model("m", a)))
+    paged, masked = (replace(base, request=PoseRequest(**each)) for each in ({"page": True}, {"mask": str(b)}))
+    jobs = [
+        *(base, paged, masked, replace(base, photo=b), *(replace(base, models=each) for each in models)),
+        *(replace(base, request=PoseRequest(**{name: value})) for name, value in options.items()),
+        *(replace(base, listed=replace(base.listed, **{name: value})) for name, value in known.items()),
+        replace(paged, listed=replace(base.listed, image="y.png")),  # whose page names it
+    ]
+    assert len({each.key() for each in jobs}) == len(jobs)
+    unread = {"mesh": str(a), "annotations": str(b), "least_confidence": 0.9}
+    assert {each.name for each in fields(PoseRequest)} == {*options, *unread, "page", "box", "initial"}
+    for same in (
+        *(replace(base, request=PoseRequest(**{name: value})) for name, value in unread.items()),
+        replace(base, photo=again, models=(Model("m", again),), listed=replace(base.listed, id=2, image="y.png")),
+    ):
+        assert same.key() == base.key()
+
+
+def test_keys_of_inversions_are_of_descriptor_photograph_and_options(tmp_path: Path) -> None:
+    a, b, again = (tmp_path / name for name in ("a", "b", "again"))
+    for path in (a, b, again):
+        path.write_bytes(path.name[:1].encode())
+    descriptor = hog(torch.rand(1, 1, 32, 32), "paper")[0]
+    source = Source("a.npz", "a", descriptor, presets.paper(), (32, 32), None)
+    base = InversionJob(source, InvertRequest())
+    parts: dict[str, Any] = {
+        **{"descriptor": descriptor + 0.01, "spec": replace(presets.paper(), name="other"), "image_size": (32, 33)},
+        "photo": torch.zeros(1, 32, 32),
+    }
+    options = {"template": True, "quality": "fast", "method": "paper", "samples": 2, "seed": 1}
+    jobs = [
+        *(base, *(replace(base, source=replace(source, **{name: value})) for name, value in parts.items())),
+        *(replace(base, request=InvertRequest(**{name: value})) for name, value in options.items()),
+        replace(base, source=replace(source, photo=torch.ones(1, 32, 32))),
+        *(replace(base, request=InvertRequest(prior=prior)) for prior in ("none", str(a), str(b))),
+    ]
+    assert len({each.key() for each in jobs}) == len(jobs)
+    own = {each.name for each in fields(InvertRequest)} - {each.name for each in fields(GlyphRequest)}
+    assert own == {*options, "prior"}
+    assert replace(base, source=replace(source, path="b", stem="b", part="c", remark="d")).key() == base.key()
+    assert replace(jobs[-2], request=InvertRequest(prior=str(again))).key() == jobs[-2].key()
+
+
+def test_keys_of_views_are_of_mesh_camera_elevation_and_background(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys: list[str] = []
+    monkeypatch.setattr(model, "cached_array", lambda kind, key, shape, _: keys.append(key) or np.zeros(shape))
+    mesh = load_mesh(InputFile("m.off", b"OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 2 3\n"))
+    background = default_background(model.coarse_background()[0].spec)
+    for changed in (
+        mesh,
+        replace(mesh, vertices=mesh.vertices * torch.tensor([1, 1, 0.9])),
+        replace(mesh, faces=mesh.faces.flip(0)),
+        replace(mesh, brightness=mesh.brightness * 0.9),
+    ):
+        model.view_descriptors(model.PreparedModel(changed), 15.0)
+    prepared = model.PreparedModel(mesh)
+    for elevation, own in (
+        (20.0, None),
+        (15.0, background),
+        (15.0, replace(background, covariance=1.1 * background.covariance)),
+    ):
+        model.view_descriptors(prepared, elevation, own)
+    prepared = model.PreparedModel(mesh)
+    prepared.camera = replace(prepared.camera, focal=2 * prepared.camera.focal)
+    model.view_descriptors(prepared, 15.0)
+    assert len({*keys}) == len(keys) == 8
+    model.view_descriptors(model.PreparedModel(mesh), 15.0)
+    assert keys[-1] == keys[0]
 
 
 def keys_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:

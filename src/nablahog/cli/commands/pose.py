@@ -217,6 +217,7 @@ class ObjectJob:
         facts = {
             "files": [digest(path) for path in self.files()],
             "polygons": self.listed.polygons,
+            "named on the page": self.listed.image if self.request.page else None,
             "request": asdict(replace(self._complete(), **_NO_PART_OF_A_RESULT)),
             "models": [model.name for model in self.models],
             "code": code_key(),
