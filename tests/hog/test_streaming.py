@@ -148,6 +148,16 @@ def test_rows_are_read_when_they_are_needed(make: Any, times: int) -> None:
     assert sum(stop - start for start, stop in one) < 1.5 * 4000
 
 
+def test_descriptors_and_the_default_dtype_count_as_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, memory, lengths = Recorded(picture(4000, 32, 1, np.uint8)), 2**18, []
+    for dtype in (torch.float32, torch.float64):
+        monkeypatch.setattr(torch, "get_default_dtype", lambda dtype=dtype: dtype)
+        strip = next(stream(image, presets.skimage(), memory=memory))
+        assert 2 * strip.descriptor.nbytes < memory  # it is nine times as large as its histograms
+        lengths.append(image.asked[-1][1])
+    assert lengths[1] < 0.6 * lengths[0]
+
+
 @pytest.mark.parametrize("shape", [(8,), (8, 8, 0), (3, 8)])
 def test_refused_at_once(shape: tuple[int, ...]) -> None:
     """Before the first strip."""

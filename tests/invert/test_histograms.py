@@ -27,7 +27,16 @@ from nablahog.invert.histograms import (
     recover_histograms,
 )
 from nablahog.invert.reconstruction import to_unit_range
-from nablahog.invert.starts import integrate, match_contrast, mean_gradient, noise, pair_noise, starting_images
+from nablahog.invert.starts import (
+    START_NOISE,
+    integrate,
+    match_contrast,
+    mean_gradient,
+    noise,
+    pair_noise,
+    start_near,
+    starting_images,
+)
 
 from ..hog.zoo import NORMALIZERS, sized
 from .photographs import correlation, photograph
@@ -231,7 +240,21 @@ def test_starting_images_differ_by_seed_and_number_but_not_by_batch(spec: HOGSpe
     torch.testing.assert_close(start[1:], starting_images(votes[1:], spec, 64, 64, 3, seed=0))
 
 
-@pytest.mark.parametrize("spec", [presets.uoctti((8, 4)), presets.paper(8)], ids=["rectangular", "unsigned"])
+def test_a_search_from_a_constant_image_begins_at_grain_of_its_seed() -> None:
+    spec, flat = presets.uoctti(8), torch.full((1, 1, 24, 32), 0.5)
+    image = photograph(64)[..., :24, :32]
+    votes = histograms(image, spec)
+    first, again, other = (start_near(votes, spec, flat, image, seed)[0] for seed in (0, 0, 1))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+    assert 0 < float(first.std()) < 2 * START_NOISE
+    assert torch.equal(start_near(votes, spec, image, flat, 0)[0], start_near(votes, spec, image, flat, 1)[0])
+
+
+RECTANGULAR = [presets.uoctti((8, 4)), presets.paper(8), presets.paper((8, 4)), presets.paper((4, 8))]
+
+
+@pytest.mark.parametrize("spec", RECTANGULAR, ids=["signed", "square", "high", "wide"])
 def test_a_starting_image_has_about_the_contrast_of_the_votes(spec: HOGSpec) -> None:
     y, x = torch.meshgrid(torch.arange(64.0), torch.arange(64.0), indexing="ij")
     image = (0.5 + 0.3 * torch.exp(-((x - 30).square() + (y - 34).square()) / 300)).double()[None, None]

@@ -147,7 +147,7 @@ def test_opposite_sides_are_a_half_turn_around_the_object_apart() -> None:
 
 def test_the_second_answer_is_the_likeliest_runner_up_above_a_limit(estimate: PoseEstimate) -> None:
     first, *_ = estimate.runners_up
-    few, more, most = (replace(first, confidence=SECOND_CONFIDENCE + off) for off in (-0.01, 0.01, 0.05))
+    few, more, most = (replace(first, confidence=SECOND_CONFIDENCE + off) for off in (0, 0.01, 0.05))
     assert replace(estimate, runners_up=(few, more, most)).second is most
     assert replace(estimate, runners_up=(few,)).second is None
     unsure = replace(estimate, confidence=None, runners_up=(replace(first, confidence=None),))

@@ -41,6 +41,15 @@ def photo() -> tuple[Tensor, PreparedPhotograph]:
     return image, PreparedPhotograph(crop_object(image, box))
 
 
+@pytest.mark.parametrize(("tilt", "shape"), [(0.0, (8, 32)), (90.0, (32, 8))])
+def test_cells_lie_in_an_image_that_is_wider_or_higher(tilt: float, shape: tuple[int, int]) -> None:
+    """Also where a cell's middle is on its edge."""
+    at, inside = detection._place_cells((3, 7), 8, tilt, shape)
+    assert inside.tolist() == [[False] * 7, [False, *[True] * 5, False], [False] * 7]
+    across = at[1, 1:6, 0] if tilt == 0 else at[1, 1:6, 1].abs()
+    assert_close(across.abs(), torch.tensor([16, 8, 0, 8, 16], dtype=torch.float64))
+
+
 def test_what_is_turned_counter_clockwise_is_upright_again() -> None:
     camera = Camera(300.0, 100, 100)
     upright, tilted = (render(model(), pose(40, 15, 4.0, theta), camera)[0, 0] for theta in (0, 30))

@@ -187,6 +187,7 @@ def test_a_row_of_which_more_than_a_tenth_is_negative_is_of_a_detector(negative:
     row = np.random.default_rng(0).random(3780)
     row[:negative] *= -1
     assert suggest(row, GlyphRequest(preset="opencv"))[0].is_detector == is_detector
+    assert 0 < len(suggest(row, GlyphRequest())) <= 6
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ from nablahog.cli.results.pose_table import say_assumed, show_figures
 from nablahog.io.images import read_image, write_image
 from nablahog.io.input_file import InputFile
 from nablahog.io.lists import AnnotatedObject, read_objects
+from nablahog.jobs.store import JobResult
 from nablahog.pose import PoseEstimate
 from nablahog.pose.lens import choose_lens
 from nablahog.pose.result import pose_figures
@@ -238,6 +239,25 @@ def test_other_azimuths_that_look_the_same_are_shown(
 @pytest.mark.parametrize(("half_turn", "shown"), [(0.0009, "< 0.001"), (0.001, "0.001"), (0.0011, "0.001")])
 def test_probabilities_of_half_turns_are_shown_as_finely_as_they_are_known(half_turn: float, shown: str) -> None:
     assert figure(show_figures({"half_turn": half_turn}, ["half_turn"])["half_turn"]) == shown
+
+
+@pytest.mark.parametrize(
+    ("deviation", "shown"),
+    [
+        *((123.0, "12 ± 123"), (12.6, "12 ± 13"), (10.0, "12 ± 10"), (9.9, "12.3 ± 9.9"), (1.0, "12.3 ± 1.0")),
+        *((0.126, "12.35 ± 0.13"), (0.0126, "12.346 ± 0.013"), (1e-3, "12.3457 ± 0.0010")),
+        *((1e-9, "12.3457 ± 0.0000"), (0.0, "12.3457 ± 0.0000"), (None, "12.3")),
+    ],
+)
+def test_figures_have_the_decimals_of_two_digits_of_their_deviations(deviation: float | None, shown: str) -> None:
+    figures = {"x": 12.3457, "standard_deviations": {"x": deviation}}
+    assert figure(show_figures(figures, ["x"])["x"]) == shown
+
+
+def test_a_pose_that_is_as_sure_as_was_asked_for_is_not_refused() -> None:
+    for confidence, refused in ((0.3, False), (0.2999, True), (None, False)):
+        result = JobResult([{"confidence": confidence, "drawn_size": (8, 8)}], np.zeros((1, 8, 8), np.uint8), 0.0)
+        assert PosedObject.of(AnnotatedObject(1, "a.png"), result, 0.3).refused == refused
 
 
 @pytest.mark.parametrize(
