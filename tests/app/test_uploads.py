@@ -33,6 +33,27 @@ def test_a_photograph(client: TestClient, photo_file: bytes) -> None:
     assert client.post("/api/photos", content=photo_file).json()["id"] == said["id"]  # by content
 
 
+def test_ids_are_of_the_file_and_of_how_it_is_read(client: TestClient, photo: str, descriptor_file: bytes) -> None:
+    asked: list[dict[str, Any]] = [
+        {"photo": photo},
+        {"photo": photo, "preset": "dpm"},
+        {"photo": photo, "settings": {"cell_size": "4"}},
+        {"photo": photo, "size": 40},
+        {"descriptor": client.post("/api/descriptors?name=d.npz", content=descriptor_file).json()["id"]},
+    ]
+    keys = [client.post("/api/hog", json=each).json()["key"] for each in asked]
+    array = npy(np.random.default_rng(0).random((4, 4, 31), np.float32))
+    for query in (
+        "d.npy&preset=uoctti",
+        *(f"e.npy&preset={query}" for query in ("uoctti", "uoctti&as=template", "uoctti&image_size=33x32", "vlfeat")),
+    ):
+        said = client.post(f"/api/descriptors?name={query}", content=array).json()
+        keys.append(said["id"])
+    meshes = [client.post(f"/api/meshes?name=m.off{axes}", content=CUBE) for axes in ("", "&up=y", "&up=y&front=x")]
+    keys += [said.json()["id"] for said in meshes]
+    assert len({*keys}) == len(keys)
+
+
 def test_too_many_pixels_are_refused_before_they_are_decoded(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:

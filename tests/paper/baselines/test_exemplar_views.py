@@ -136,6 +136,32 @@ def test_what_are_no_views(tmp_path: Path) -> None:
         check_refused(tiny_models.views(), tmp_path / "v.npz", changes, message)
 
 
+def test_views_are_stored_by_mesh_background_and_sampling(
+    mesh: Mesh, background: Background, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ExemplarLibrary, "_read_or_learn", lambda library, mesh, key: key)
+    replace = dataclasses.replace
+    backgrounds = [
+        background,
+        replace(background, mean=background.mean * 1.1),
+        replace(background, covariance=background.covariance * 1.1),
+        replace(background, spec=replace(EXEMPLAR_SPEC, cell_size=(8, 8))),
+    ]
+    meshes = [
+        replace(mesh, vertices=mesh.vertices * 0.9),
+        replace(mesh, faces=mesh.faces.flip(0)),
+        replace(mesh, brightness=mesh.brightness * 0.9),
+    ]
+    samplings = [replace(FEW, **{each.name: ()}) for each in dataclasses.fields(FEW)]  # type: ignore[arg-type]
+    keys = [
+        *(ExemplarLibrary(None, each, FEW).views(mesh) for each in backgrounds),
+        *(ExemplarLibrary(None, background, FEW).views(each) for each in meshes),
+        *(ExemplarLibrary(None, background, each).views(mesh) for each in samplings),
+    ]
+    assert len({*keys}) == len(keys)
+    assert ExemplarLibrary(Path(), background, FEW).views(mesh) == keys[0]
+
+
 def test_a_library_learns_each_model_once(
     tmp_path: Path, mesh: Mesh, background: Background, monkeypatch: pytest.MonkeyPatch
 ) -> None:
