@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import random
-from contextlib import suppress
 from typing import Any
 from urllib.parse import quote
 
 from starlette.testclient import TestClient
-from starlette.websockets import WebSocketDisconnect
 
 from .conftest import HOST
 
@@ -79,7 +77,7 @@ def test_garbage(client: TestClient, photo_file: bytes) -> None:
             assert b"Traceback" not in answer.content
     for number in range(6):
         text = json.dumps(mutated(FIT, rng)) if number % 2 else noise(json.dumps(FIT).encode(), rng).decode("latin-1")
-        with client.websocket_connect(f"ws://{HOST}/api/fit") as socket, suppress(WebSocketDisconnect):
+        with client.websocket_connect(f"ws://{HOST}/api/fit") as socket:
             socket.send_text(text)
             assert json.loads(socket.receive_text())["type"] in ("error", "stopped")
     assert client.get("/api/about").status_code == 200

@@ -175,7 +175,8 @@ def test_batch_equals_loop_and_the_seed_decides(name: str, more: bool) -> None:
 
 @pytest.mark.slow
 def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    for picture in ("camera", "coins", "coffee"):
+    kinds = set()
+    for picture in ("camera", "coins", "brick"):
         descriptor = hog(photograph(32, picture), PAPER)
         chosen = images(reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None))
         with monkeypatch.context() as context:
@@ -183,6 +184,8 @@ def test_the_last_level_decides_the_polarity_of_all(monkeypatch: pytest.MonkeyPa
             found = images(reconstruct_multiscale(descriptor, PAPER, search=FEW, prior=None))
         turned = find_negatives(found[-1])[0]
         assert all(torch.equal(b, negate(a, turned)) for a, b in zip(found, chosen, strict=True))
+        kinds.add(bool(turned))
+    assert kinds == {True, False}
 
 
 def test_closeness_keeps_levels_together() -> None:

@@ -206,4 +206,5 @@ def test_a_pose_from_straight_above_is_trusted_however_its_rotation_is_written()
         assert float(rotation_error(angles.numpy(), view[:, [0, 1, 3]].numpy())[0]) < 5
         assert estimate.confidence is not None
         assert estimate.confidence > 0.8
-        assert estimate.half_turn is None or estimate.half_turn < 0.1
+        assert estimate.half_turn is not None
+        assert estimate.half_turn < 0.1

@@ -67,6 +67,7 @@ def test_without_a_box_it_is_found_in_pixels_of_the_photograph() -> None:
     estimate = estimate_pose(photo, model(), intrinsics=K, distortion=DISTORTION)
     assert errors(estimate, matrix)[0] < 1
     assert np.abs(np.subtract(estimate.box, box)).max() < 8
+    assert estimate.runners_up
     assert all(rival.photograph_camera == estimate.photograph_camera for rival in estimate.runners_up)
 
 

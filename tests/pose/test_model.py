@@ -288,4 +288,5 @@ def test_the_back_of_a_slab_is_no_other_pose() -> None:
     (other,) = estimate.equivalent_azimuths
     assert degrees_between(other, estimate.azimuth) == 180
     assert min(degrees_between(estimate.azimuth, each) for each in (30, 210)) < 4
+    assert estimate.runners_up
     assert all(min(degrees_between(one.azimuth, each) for each in (30, 210)) > 15 for one in estimate.runners_up)

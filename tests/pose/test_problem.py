@@ -250,8 +250,10 @@ def test_of_equally_similar_views_those_without_a_penalty_are_preferred(monkeypa
     monkeypatch.setattr(Similarity, "values", lambda self, poses: torch.zeros(len(poses), dtype=torch.float64))
     search = BestSearch(problem())
     views = search.find_level_views()
+    tilted = search.tilt(views)
+    assert len(tilted) == len(views) > 0
     assert {float(view.pose[1]) for view in views} <= {0.0, 15.0, 30.0}
-    assert all(view.pose[3] == 0 for view in search.tilt(views))
+    assert all(view.pose[3] == 0 for view in tilted)
 
 
 @pytest.mark.parametrize(
