@@ -114,7 +114,9 @@ def flags(command: str) -> set[str]:
 
 def sentences(folder: Path) -> Iterator[tuple[str, str]]:
     """Of all errors that are raised in a folder: file and line, and the words of the sentence."""
-    for file in sorted(folder.rglob("*.py")):
+    files = sorted(folder.rglob("*.py"))
+    assert files, f"{folder} is elsewhere"
+    for file in files:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Raise):
                 texts = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
@@ -134,9 +136,10 @@ def test_arguments_in_errors_of_the_library_are_options(room: str) -> None:
 @pytest.mark.parametrize("command", ["pose", "invert", "hog", "glyph"])
 def test_options_in_errors_of_a_command_are_its_own(command: str) -> None:
     module = {"glyph": "hog"}.get(command, command)
-    for place, sentence in sentences(PACKAGE / "cli" / "commands"):
-        if place.startswith(f"{module}.py"):
-            assert {*re.findall(r"--[a-z][a-z-]+", sentence)} <= flags(command), f"{place}: {sentence}"
+    own = [each for each in sentences(PACKAGE / "cli" / "commands") if each[0].startswith(f"{module}.py")]
+    assert own
+    for place, sentence in own:
+        assert {*re.findall(r"--[a-z][a-z-]+", sentence)} <= flags(command), f"{place}: {sentence}"
 
 
 def test_a_sentence_of_the_library_is_worded_with_options() -> None:
