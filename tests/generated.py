@@ -3,7 +3,7 @@
 
 * The stubs of parts, from the definitions in their folders: what is a preset, a normaliser or a minimiser.
 * The tables and lists of the pages in `docs`, from specs and docstrings.
-* The stored public surface, from the package.
+* The stored public surface, from the package and its command; and drawings of the pages.
 
 It is in `tests`, because it reads the stored outputs there, and the package must not know its pages.
 """
@@ -92,6 +92,7 @@ def others() -> dict[Path, str]:
     from nablahog.hog.normalizers import Normalizer
     from nablahog.hog.poolings import Pooling
     from tests.public_surface import surface
+    from tests.viz import drawings
 
     docs = ROOT / "docs"
     parts = [*Normalizer.kinds.values(), *Pooling.kinds.values()]
@@ -101,6 +102,8 @@ def others() -> dict[Path, str]:
         **within(docs / "which_hog.md", counts=preset_tables.counts(), conventions=preset_tables.conventions()),
         **within(docs / "poses.md", figures=pose_figures()),
         **within(docs / "api" / "describe.rst", presets=summaries(presets.__all__), parts=summaries(ours)),
+        ROOT / "tests" / "viz" / "similarity_by_azimuth.svg": drawings.similarity_by_azimuth(),
+        ROOT / "tests" / "viz" / "chart.svg": drawings.chart(),
         ROOT / "tests" / "public_surface.json": json.dumps(surface(), indent=1, ensure_ascii=False) + "\n",
     }
 

@@ -1,18 +1,34 @@
-"""The public surface of the package as plain data: names, kinds and signatures, for test_generated.py."""
+"""The public surface as plain data: names, kinds, signatures and the command's arguments, for test_generated.py."""
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 from types import ModuleType
 from typing import Any
 
 import nablahog
+from nablahog.cli.main import parser
 
 
 def surface() -> dict[str, Any]:
     """Every public name of ``nablahog``, with its kind and its signature or what is public in it."""
-    return {name: describe(getattr(nablahog, name)) for name in sorted(nablahog.__all__) if name != "__version__"}
+    names = {name: describe(getattr(nablahog, name)) for name in sorted(nablahog.__all__) if name != "__version__"}
+    return {**names, "command line": commands(parser())}
+
+
+def commands(of: argparse.ArgumentParser) -> dict[str, Any]:
+    """The arguments of each command, as --help names them, with their defaults and choices."""
+    found: dict[str, Any] = {}
+    for action in of._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found |= {name: commands(each) for name, each in action.choices.items()}
+        elif action.default != argparse.SUPPRESS:
+            name = ", ".join(action.option_strings) or str(action.metavar or action.dest)
+            choices = "" if action.choices is None else f" of {', '.join(map(str, action.choices))}"
+            found[name] = f"{action.default!r}{choices}"
+    return found
 
 
 def members(of: ModuleType) -> dict[str, Any]:
