@@ -22,6 +22,8 @@ from nablahog.invert import AsPublished, Reconstruction, Search, reconstruct_tem
 from nablahog.invert.prior.signed_network import Architecture
 from nablahog.invert.scales import level_spec
 from nablahog.pose import estimate_pose
+from nablahog.pose.detection import find_boxes
+from nablahog.pose.model import prepared_model
 from nablahog.render import Mesh
 
 from .chairs import chair
@@ -78,6 +80,13 @@ def estimate(models: Mesh | dict[str, Mesh], *, known_box: bool = True, **option
     return numbers
 
 
+def detect(*models: Mesh) -> list[float]:
+    """The sides of the boxes where the models may be."""
+    image, _ = photographed(model(), 35, 18, behind="coffee")
+    boxes = find_boxes(image, [prepared_model(mesh) for mesh in models], None, 180.0, None)
+    return [side for box in boxes for side in box]
+
+
 def train(spec: str) -> list[float]:
     """The losses of two epochs."""
     images = {name: photograph(64, name)[0, 0, : SIZE[0]] for name in ("camera", "coins", "clock", "brick")}
@@ -106,6 +115,8 @@ POSES: dict[str, Callable[[], list[float]]] = {
     "pose of a lens": lambda: estimate(model(), focal=300.0),
     "pose within 60°": lambda: estimate(model(), initial=(60, 15), within=60),
     "pose among models": lambda: estimate({"first": chair(7), "second": model(SWIVEL), "third": chair(9)}),
+    "boxes": lambda: detect(model()),
+    "boxes of two models": lambda: detect(model(SWIVEL), chair(7)),
     "exhaustive pose": lambda: estimate(model(), initial=(60, 15), method="exhaustive"),
 }
 TRAININGS: dict[str, Callable[[], list[float]]] = {

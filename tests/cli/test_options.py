@@ -16,10 +16,11 @@ import pytest
 
 import nablahog
 from nablahog.cli.arguments.options import Parser
-from nablahog.cli.errors import OPTIONS, name_options
+from nablahog.cli.errors import OPTIONS, WrongArguments, blaming_arguments, name_options
 from nablahog.cli.main import main, parser
 from nablahog.render.mesh import axes
 from nablahog.requests.dialect import PRESETS, preset_parameters
+from nablahog.runtime.errors import InputError
 
 MOST_OPTIONS = 110  # of all commands
 MOST_LINES = 44  # of the help of one
@@ -147,3 +148,10 @@ def test_a_sentence_of_the_library_is_worded_with_options() -> None:
         axes("x")
     assert "give --front, too" in name_options(str(refusal.value))
     assert name_options("`initial` and `nothing`") == "--init and nothing"
+
+
+def test_faults_of_inputs_are_not_blamed_on_arguments() -> None:
+    with pytest.raises(WrongArguments, match="size"), blaming_arguments():
+        raise ValueError("size")
+    with pytest.raises(InputError), blaming_arguments():
+        raise InputError("it is damaged", "image size")

@@ -40,6 +40,7 @@ def read(content: Any, name: str = "camera.json") -> Any:
         (dict(zip(("fx", "fy", "cx", "cy"), FOUR, strict=True)), None, None),
         ({"fx": 520.5, "fy": 515.25, "cx": 320.5, "cy": 240.25, "k1": -0.3, "p2": 0.1}, (-0.3, 0, 0, 0.1, 0), None),
         ({"K": MATRIX, "width": 640, "height": 480}, None, (480, 640)),
+        ({"K": MATRIX, "width": 1, "height": 1}, None, (1, 1)),
         ({"K": FLAT, "D": FIVE, "distortion_model": "plumb_bob"}, FIVE, None),
         ({"camera_matrix": MATRIX, "dist_coeffs": [FIVE]}, FIVE, None),
         ({"mtx": MATRIX, "dist": [[each] for each in FIVE[:4]]}, (*FIVE[:4], 0), None),
