@@ -23,5 +23,5 @@ def test_a_request() -> None:
 @pytest.mark.parametrize(("size", "how"), [(0, ""), (256, " after shrinking it to 256 pixels")])
 def test_a_photograph_without_a_cell(size: int, how: str) -> None:
     with pytest.raises(ValueError, match=f"^a.png: .*{how}$") as caught:
-        from_photo("a.png", "a", torch.rand(1, 300, 4), presets.vlfeat(), size=size)
+        from_photo("a.png", "a", torch.rand(1, 300, 3), presets.vlfeat(), size=size)
     assert ("after" in str(caught.value)) == bool(how)
