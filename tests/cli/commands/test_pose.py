@@ -264,7 +264,7 @@ def test_a_pose_that_is_not_sure_is_refused(
     Image.fromarray(np.full((120, 120), 128, np.uint8)).save(scene[0])
     scene[4] = "10,10,110,110"
     result = run(*scene, status=4)
-    assert "nablahog pose: refused, with a confidence below" in capsys.readouterr().err
+    assert "nablahog pose: the pose is refused, with a confidence below" in capsys.readouterr().err
     assert result["refused"]
     assert result["warning"] in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     run(*scene, "--least-confidence", "0")
