@@ -53,7 +53,7 @@ def test_unsigned_descriptors(
         page, sure = (tmp_path / name / "index.html").read_text(), made[name][1]
         assert sure is not None
         assert 0.5 <= sure <= 1
-        assert ("or its negative" in page) == (f"cat.png ({sure:.0%} sure)" in out) == (sure < 0.8)
+        assert ("or its negative" in page) == (f"cat.png ({1 - sure:.0%})" in out) == (sure < 0.8)
         assert "gray where unsure" in page
         assert "cat_regions.png" in names(tmp_path / name)
     assert "cat_regions.png" not in names(tmp_path / "none")
