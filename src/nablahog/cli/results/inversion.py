@@ -172,7 +172,8 @@ def say_unsure(inversions: Sequence[Inversion]) -> None:
     unsure = [f"{each.source.name} ({1 - (each.polarity or 0):.0%})" for each in inversions if each.unsure]
     if unsure:
         more = ", …" if len(unsure) > NAMED else ""
-        say(f"These may be negatives, with bright and dark exchanged, so probably: {', '.join(unsure[:NAMED])}{more}")
+        listed = ", ".join(unsure[:NAMED])
+        say(f"These may be negatives, with bright and dark exchanged (probability in brackets): {listed}{more}")
 
 
 def picture_name(source: Source, what: str) -> str:
